@@ -1,0 +1,2907 @@
+/* envsamp.h - v0.1 - importance sampling of environment maps - MIT or public domain
+ *
+ * HOW TO USE IT. In one C or C++ file:
+ *
+ *     #define ENVSAMP_IMPLEMENTATION
+ *     #include "envsamp.h"
+ *
+ * and in every other file that needs it, include it as it is. Link libm.
+ *
+ * QUICK START
+ *
+ *     envsamp_image image = { pixels, width, height, 3, 0, ENVSAMP_LATLONG };
+ *     envsamp_sizes sizes;
+ *     envsamp_buffer table, scratch;
+ *     const envsamp_kd *kd;
+ *     envsamp_result result = envsamp_kd_sizes(&image, NULL, &sizes);
+ *
+ *     table.data = malloc(table.bytes = sizes.table_bytes);
+ *     scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);
+ *     if (result == ENVSAMP_OK)
+ *         result = envsamp_kd_build(&image, NULL, table, scratch, &kd);
+ *     free(scratch.data);
+ *     if (result != ENVSAMP_OK)
+ *         printf("%s\n", envsamp_result_string(result));
+ *
+ *     envsamp_sample s = envsamp_kd_sample(kd, u0, u1);   // s.dir, s.pdf per steradian
+ *     float pdf = envsamp_kd_pdf(kd, bsdf_dir);           // for multiple importance sampling
+ *     radiance += f(s.dir) * lookup(s.dir) * visible(s.dir) / s.pdf;
+ *
+ * WHICH SAMPLER
+ *
+ *     select               block probabilities      random  per sample    take it when
+ *                                                   numbers
+ *     ENVSAMP_KD_ALIAS     optimal, exact           2       2 lookups     speed and least noise
+ *     ENVSAMP_KD_FIT       analytic, 2 parameters   2       1 lookup      8 bytes a block are all
+ *                          [1]                                            that fits; 15 to 30 %
+ *                                                                         more variance, or more
+ *
+ * A table of 6144 blocks, the default, replaces the CDF of a map of any resolution. What it loses
+ * against that is `excess_variance`, which envsamp_kd_get_info tells exactly.
+ *
+ * CONVENTIONS. Lat-long maps, +z up, row 0 first:
+ *
+ *        u = 0                    u = 1/2                   u -> 1
+ *      v = 0 +-------------------------+-------------------------+  theta = 0: +z
+ *            |                                                   |
+ *            |  texel (x, y) is u in [x, x+1)/width,             |  direction =
+ *            |                  v in [y, y+1)/height             |  (cos phi sin theta,
+ *      v=1/2 +-> +x        ^ +y (u = 1/4)    -x        -y        +   sin phi sin theta,
+ *            |                                                   |   cos theta)
+ *            |  phi = 2 pi u, theta = pi v                       |
+ *      v -> 1+-------------------------+-------------------------+  theta = pi: -z
+ *
+ * Radiance is linear and constant over a texel, so look it up with the nearest texel
+ * (envsamp_lookup does). pdf is per steradian. u0 and u1 are uniform in [0, 1).
+ *
+ * GUARANTEES
+ * - No heap, no stdio, no globals, no recursion; one call uses less than 8 KiB of stack. Only
+ *   memcpy, memset and, unless overridden, sqrt are linked.
+ * - All memory is yours: ask _sizes, give two buffers to _build, aligned to ENVSAMP_ALIGN. Scratch
+ *   is free again after the build. The table holds no pointers: copy it, map it, store it, send
+ *   it to a GPU, and _open it there.
+ * - A table is read-only after the build; any number of threads may sample it.
+ * - A build validates everything that it is given and returns a named result; after a failure the
+ *   table buffer does not pass _open.
+ * - Sampling is safe for any float, NaN included, and gives a finite direction.
+ * - Sums over a map are doubles that only add positive numbers. Block probabilities are whole
+ *   multiples of 2^-24, and are exactly the distribution that 24-bit numbers u0 draw.
+ * - IEEE arithmetic without contraction (-ffp-contract=off, or -std=c99) gives the same bits with
+ *   any compiler, optimisation level and libm.
+ *
+ * CONFIGURATION, by macros defined before the include
+ *   ENVSAMP_IMPLEMENTATION   in one file: compile the functions
+ *   ENVSAMP_STATIC           with it: functions are static, for that file alone
+ *   ENVSAMP_ASSERT(x)        default assert(x) from assert.h
+ *   ENVSAMP_SQRT(x)          double square root, default sqrt from math.h
+ *   ENVSAMP_SQRTF(x)         float square root, default sqrtf from math.h
+ *
+ * LIMITS. Of the mappings, lat-long so far. Directions longer than 1e18 or shorter than 1e-18 have
+ * pdf 0. Tables are in the byte order of the machine that built them; one from a machine of the
+ * other order fails to open.
+ *
+ * REFERENCES
+ *  [1] Ergun, Kurt, Ozturk: Real-time Kd-tree Based Importance Sampling of Environment Maps.
+ *      SCCG 2012
+ *  [2] Vose: A linear algorithm for generating random numbers with a given distribution. IEEE
+ *      Transactions on Software Engineering, 1991
+ *  [3] Levenberg: A method for the solution of certain non-linear problems in least squares. 1944;
+ *      Marquardt: An algorithm for least-squares estimation of nonlinear parameters. 1963;
+ *      More: The Levenberg-Marquardt algorithm: implementation and theory. 1978
+ *  [4] Veach: Robust Monte Carlo Methods for Light Transport Simulation. 1998
+ */
+#ifndef ENVSAMP_H
+#define ENVSAMP_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef ENVSAMP_STATIC
+#define ENVSAMP_DEF static
+#else
+#define ENVSAMP_DEF extern
+#endif
+
+#define ENVSAMP_ALIGN 16        /* bytes: alignment of both buffers of a build */
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- common types ------------------------------------------------------------------------ */
+
+typedef enum envsamp_result {
+    ENVSAMP_OK = 0,
+    ENVSAMP_ERR_NULL,    /* a required pointer is NULL */
+    ENVSAMP_ERR_SIZE,    /* width, height, channels or stride out of range */
+    ENVSAMP_ERR_PARAM,   /* a field of the description is out of range */
+    ENVSAMP_ERR_VALUE,   /* strict: a pixel is NaN, infinite or negative */
+    ENVSAMP_ERR_BLACK,   /* the total importance is zero: nothing to sample */
+    ENVSAMP_ERR_MEMORY,  /* a buffer is smaller than _sizes said */
+    ENVSAMP_ERR_ALIGN,   /* a buffer is not aligned to ENVSAMP_ALIGN */
+    ENVSAMP_ERR_FORMAT   /* the bytes are not a valid table of this kind */
+} envsamp_result;
+
+/* A result in words: one lower-case phrase, never NULL, also for numbers that are no result. */
+ENVSAMP_DEF const char *envsamp_result_string(envsamp_result result);
+
+typedef enum envsamp_mapping {
+    ENVSAMP_LATLONG = 0, ENVSAMP_HEMISPHERE, ENVSAMP_OCTAHEDRAL
+} envsamp_mapping;
+
+/* A map, read during a build only. A NaN or infinite channel makes its pixel black, a negative
+   channel counts as 0; each such pixel is counted. */
+typedef struct envsamp_image {
+    const float *pixels;      /* linear radiance, row 0 first */
+    int width, height;        /* 1..65535 each */
+    int channels;             /* 1 luminance, 3 RGB, 4 RGB and one ignored */
+    size_t row_stride_bytes;  /* 0: rows are packed; otherwise a multiple of 4, a row or more */
+    envsamp_mapping mapping;
+} envsamp_image;
+
+typedef struct envsamp_buffer { void *data; size_t bytes; } envsamp_buffer;
+typedef struct envsamp_sizes  { size_t table_bytes, scratch_bytes; } envsamp_sizes;
+
+/* A direction, its density per steradian, and where it lies in the map. */
+typedef struct envsamp_sample { float dir[3]; float pdf; float uv[2]; } envsamp_sample;
+
+/* The direction of a point of the map, unit length within 4e-7. u wraps round; v is clamped to
+   [0, 1]; a NaN counts as 0. Lat-long and hemisphere; for the octahedral map, which is to come,
+   dir is zero. */
+ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v, float dir[3]);
+
+/* The point of the map in a direction of any length: u in [0, 1), v in [0, 1], each within 3e-7.
+   The zero vector gives (0, 0). For HEMISPHERE directions below the horizon have v above 1. */
+ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const float dir[3], float uv[2]);
+
+/* Rec. 709 luminance of linear RGB: what importance is made of. */
+ENVSAMP_DEF float envsamp_luminance(const float rgb[3]);
+
+/* Weight of a sample taken with one density where another sampler could have made it too: the
+   power heuristic with exponent 2 [4]. Two zeros give 0; infinities are fine. */
+ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_other);
+
+/* Radiance of the map in a direction: of the nearest texel, or, if `bilinear` is nonzero,
+   interpolated between texel centres, round the seam and half a turn round over the poles. Pixels
+   count as in a build. One channel gives three equal values. The zero vector looks at +z. */
+ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int bilinear, const float dir[3],
+                                float rgb[3]);
+
+/* ---- kd: blocks of a kd-tree -------------------------------------------------------------- */
+
+typedef enum envsamp_kd_select {
+    ENVSAMP_KD_WARP = 0,  /* to come: the unit square warped down the tree */
+    ENVSAMP_KD_ALIAS,     /* exact block probabilities by the alias method [2]: fastest */
+    ENVSAMP_KD_FIT        /* fitted analytic pdf over sorted blocks [1] */
+} envsamp_kd_select;
+
+/* Which block to split next, and where. The first three choose by their name and split where the
+   means of the parts explain most squares [1]. EXCESS splits what lowers the variance of L/pdf
+   most: 20 to 30 % less of it than SSE from as many blocks. */
+typedef enum envsamp_kd_criterion {
+    ENVSAMP_KD_SSE = 0, ENVSAMP_KD_VARIANCE, ENVSAMP_KD_RANGE, ENVSAMP_KD_EXCESS
+} envsamp_kd_criterion;
+
+typedef enum envsamp_kd_model {
+    ENVSAMP_KD_LOG = 0,   /* p(x) = 1 / (log(1 + n/alpha) (alpha + x)) [1, equation 4] */
+    ENVSAMP_KD_POWER      /* p(x) ~ (alpha + x)^-beta */
+} envsamp_kd_model;
+
+/* What a fit minimises: the distance of the probabilities [1, equation 7], or, better, the
+   variance of L/pdf. */
+typedef enum envsamp_kd_objective { ENVSAMP_KD_L1 = 0, ENVSAMP_KD_CHI2 } envsamp_kd_objective;
+
+typedef struct envsamp_kd_desc {
+    int block_count;                 /* 1..1048576, default 6144 */
+    envsamp_kd_select select;        /* default ALIAS */
+    envsamp_kd_criterion criterion;  /* default EXCESS */
+    envsamp_kd_model model;          /* FIT only, default LOG */
+    envsamp_kd_objective objective;  /* FIT only, default L1 */
+    float mis_compensation;          /* to come: 0 */
+    int bilinear;                    /* to come: 0 */
+    int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE; default 0 */
+} envsamp_kd_desc;
+
+typedef struct envsamp_kd envsamp_kd;
+
+ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void);
+
+/* How large the two buffers of a build must be. `desc` NULL: the defaults. Needs the image's
+   sizes, not its pixels, which may be NULL here. The table may turn out smaller:
+   envsamp_kd_bytes. Scratch is about 5 bytes a texel and 150 a block; FIT adds 40 a block.
+   Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
+ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
+                                            const envsamp_kd_desc *desc, envsamp_sizes *sizes);
+
+/* Builds the table of a map. *kd points into table.data, and is NULL after a failure.
+   Time: some passes over the pixels, and log(blocks) per block. Stops early, with fewer blocks,
+   when every block is flat.
+   Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY or _ALIGN.
+   Source: [1, algorithms 1 to 3], with importance weighed by solid angle, which [1] leaves out,
+   and uniform sampling of solid angle within a block. */
+ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
+                                            const envsamp_kd_desc *desc, envsamp_buffer table,
+                                            envsamp_buffer scratch, const envsamp_kd **kd);
+
+/* Opens a table that was stored, mapped or copied: checks in linear time that it is whole, and
+   that no sample and no pdf can read outside of it. `table` must stay in place while *kd is used,
+   and be aligned to ENVSAMP_ALIGN. Returns ENVSAMP_ERR_NULL, _ALIGN or _FORMAT. */
+ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes,
+                                           const envsamp_kd **kd);
+
+/* Bytes of the table, to store or upload from the address of kd. */
+ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd);
+
+/* Draws a direction with density s.pdf per steradian. The choice of the block spends the leading
+   bits of u0; what is left of it places the sample in azimuth, finished, where it runs out, by
+   the low half of u1, which places the sample in the polar angle. */
+ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0, float u1);
+
+/* Density per steradian of envsamp_kd_sample in a direction, which need not be of unit length. 0
+   for the zero vector and for one with NaN. Equals the pdf of a sample, but where its direction,
+   rounded to floats, lies across the edge of its block: fewer than 1 in 2000 at 6144 blocks. */
+ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3]);
+
+/* The numbers that make envsamp_kd_sample draw a direction. WARP only: 0 for the others. */
+ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3], float u[2]);
+
+/* n samples, or densities, at once; the same bits as one at a time. Outputs may be the inputs
+   where they have the same type and index, else must not overlap. */
+ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
+                                     const float *u1, float *x, float *y, float *z, float *pdf);
+ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
+                                  const float *z, float *pdf);
+
+typedef struct envsamp_kd_info {
+    int block_count;         /* blocks made; fewer than asked where the map is flat */
+    double integral;         /* of luminance over the sphere: units of luminance x sr */
+    double excess_variance;  /* E[(L/pdf)^2] / integral^2 - 1, exact over the map */
+    double max_ratio;        /* largest L / (pdf * integral) over the map: the firefly bound */
+    double alpha, beta;      /* FIT: parameters; LOG has beta 1 */
+    double l1;               /* FIT: sum |empirical - fitted| over blocks */
+    size_t bad_pixel_count;  /* NaN, infinite or negative pixels taken as zero */
+} envsamp_kd_info;
+
+/* One block: where it lies, and how often it is drawn. Blocks tile the map. */
+typedef struct envsamp_kd_block {
+    float uv_min[2], uv_max[2];
+    float solid_angle;       /* sr */
+    float probability;
+} envsamp_kd_block;
+
+/* Facts about a table. Returns ENVSAMP_ERR_NULL. */
+ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_info *info);
+
+/* Block `index`, 0 .. block_count - 1; for FIT, the most probable first. Returns
+   ENVSAMP_ERR_NULL, or ENVSAMP_ERR_PARAM for an index out of range. */
+ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
+                                                envsamp_kd_block *block);
+
+/* ---- lm: nonlinear least squares ----------------------------------------------------------- */
+
+/* Residuals of a model: write `residual_count` values at `params`, whose pointer is not to be kept.
+ * Where the model is not defined write a NaN or an infinity: the solver turns back. */
+typedef void (*envsamp_lm_fn)(const double *params, double *residuals, void *user);
+
+typedef struct envsamp_lm_desc {
+    int param_count;     /* n, 1..8 */
+    int residual_count;  /* m, param_count or more */
+    int max_iterations;  /* trial steps, taken or turned down, at most; 0: 200 */
+    double ftol;         /* stop: a step changes the cost relatively by no more; 0: 1e-12 */
+    double xtol;         /* stop: the trust radius is no more, relative to params; 0: 1e-12 */
+    double gtol;         /* stop: cosine of residuals and Jacobian's columns; 0: 1e-12 */
+} envsamp_lm_desc;       /* a tolerance below DBL_EPSILON counts as DBL_EPSILON */
+
+typedef struct envsamp_lm_info {
+    int iterations;   /* trial steps, taken or turned down */
+    int evaluations;  /* calls of fn, those for derivatives included */
+    int converged;    /* nonzero: a tolerance was met */
+    double cost;      /* sum of squared residuals at the params returned */
+} envsamp_lm_info;
+
+/* Bytes of scratch that envsamp_lm wants: 8 m (n + 2). 0 if `desc` is NULL or out of range. */
+ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc);
+
+/* Nonlinear least squares: moves `params` to a local minimum of the sum of squared residuals.
+ *
+ * params: n finite values; the start on entry, the best point found on return. They are written
+ *   only when a step lowers the cost, so they stay as given if there is an error.
+ * info: may be NULL; written only on ENVSAMP_OK. Not converged is ENVSAMP_OK too: ask `converged`.
+ * scratch: envsamp_lm_scratch_bytes(desc) bytes, aligned to ENVSAMP_ALIGN; free again afterwards.
+ * Returns ENVSAMP_ERR_NULL for a NULL desc, fn, params or scratch.data; ENVSAMP_ERR_PARAM for a
+ *   count out of range, a negative max_iterations, a negative or NaN tolerance;
+ *   ENVSAMP_ERR_MEMORY, ENVSAMP_ERR_ALIGN for the scratch; ENVSAMP_ERR_VALUE if the start, its
+ *   residuals or their sum of squares are not finite.
+ * Cost: about n + 1 calls of fn and 2 m n^2 operations for a step taken, one call for one turned
+ *   down. At most 1 + (3 n + 1) max_iterations calls.
+ * Numeric: derivatives are forward differences, good to about half the digits of a residual; the
+ *   cost at a minimum is far more exact than the params. A trial point that is not finite is turned
+ *   down, so a minimum behind such a wall may end as `converged` at the wall. Where fn is not
+ *   finite on both sides of a parameter, that parameter rests until a step elsewhere frees it.
+ *   Where J is singular at a root the last steps creep, and may use up max_iterations.
+ * Source: [3]; trust region, scaling and stopping tests after More; differs in that the step bound's equation is solved on singular values. */
+ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn fn, void *user,
+                                      double *params, envsamp_buffer scratch,
+                                      envsamp_lm_info *info);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* ENVSAMP_H */
+
+/* ============================================================================================
+ * Stop here if you only want to use the library. Below: how it works, in reading order. Each
+ * section calls only sections above it.
+ * ========================================================================================== */
+
+#if defined(ENVSAMP_IMPLEMENTATION) && !defined(ENVSAMP_IMPLEMENTED)
+#define ENVSAMP_IMPLEMENTED
+
+#include <float.h>
+#include <string.h>
+
+#ifndef ENVSAMP_ASSERT
+#include <assert.h>
+#define ENVSAMP_ASSERT(x) assert(x)
+#endif
+#ifndef ENVSAMP_SQRT
+#include <math.h>
+#define ENVSAMP_SQRT(x) sqrt(x)
+#endif
+#ifndef ENVSAMP_SQRTF
+#include <math.h>
+#define ENVSAMP_SQRTF(x) sqrtf(x)
+#endif
+#define ENVSAMP_FABS(x) ((x) < 0 ? -(x) : (x))
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ============================================================================================
+ * SMALL MATH                                                                [search: @math]
+ *
+ * Own sines, arc tangents and logarithms, so that tables and samples are the same bits with every
+ * libm. Float for sampling, double for builds.
+ * ========================================================================================== */
+
+#define ENVSAMP__PI 3.14159265358979323846
+#define ENVSAMP__UNIT 16777216.0f                   /* 2^24: a float u has that many values */
+#define ENVSAMP__BELOW_ONE 0.999999940395355224609375f  /* 1 - 2^-24 */
+
+static inline int envsamp__min(int a, int b) { return a < b ? a : b; }
+static inline int envsamp__max_int(int a, int b) { return a > b ? a : b; }
+static inline double envsamp__max(double a, double b) { return a > b ? a : b; }
+
+static inline uint32_t envsamp__float_bits(float value)
+{
+    uint32_t bits;
+
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+/* Any float to [0, 1): NaN, infinities and what lies outside go to an end. */
+static inline float envsamp__clamp_unit(float u)
+{
+    u = u < ENVSAMP__BELOW_ONE ? u : ENVSAMP__BELOW_ONE;
+    return u > 0.0f ? u : 0.0f;
+}
+
+/* Sine and cosine of pi x, 0 <= x <= 2, to 2e-16: Taylor series about the nearest half. */
+static void envsamp__sincos_pi(double x, double *sine, double *cosine)
+{
+    int quarter = (int)(2.0 * x + 0.5);
+    double a = ENVSAMP__PI * (x - 0.5 * (double)quarter), t = a * a;
+    double s = a * (1 - t * (1.0 / 6) * (1 - t * (1.0 / 20) * (1 - t * (1.0 / 42)
+             * (1 - t * (1.0 / 72) * (1 - t * (1.0 / 110) * (1 - t * (1.0 / 156)
+             * (1 - t * (1.0 / 210) * (1 - t * (1.0 / 272)))))))));
+    double c = 1 - t * (1.0 / 2) * (1 - t * (1.0 / 12) * (1 - t * (1.0 / 30)
+             * (1 - t * (1.0 / 56) * (1 - t * (1.0 / 90) * (1 - t * (1.0 / 132)
+             * (1 - t * (1.0 / 182) * (1 - t * (1.0 / 240))))))));
+
+    *sine = quarter & 1 ? c : s;
+    *cosine = quarter & 1 ? s : c;
+    if (quarter & 2)
+        *sine = -*sine;
+    if ((quarter + 1) & 2)
+        *cosine = -*cosine;
+}
+
+/* Cosine and sine of u turns, 0 <= u <= 1, each within 2e-7: the half angle, then doubled, so
+   there is no choice of quadrant. */
+static inline void envsamp__cos_sin_turn(float u, float *cosine, float *sine)
+{
+    float h = u - 0.5f, t = h * h;
+    float s = h * (3.14159258f + t * (-5.16770690f + t * (2.55003164f + t * (-0.598046450f
+            + t * 0.0772222480f))));
+    float c = 1.0f + t * (-4.93480214f + t * (4.05870916f + t * (-1.33521206f
+            + t * (0.234937559f + t * -0.0243966717f))));
+
+    *cosine = 2.0f * s * s - 1.0f;
+    *sine = -2.0f * s * c;
+}
+
+/* Angle of (x, y) in turns, [0, 1], within 1.5e-7; 0 at the origin. */
+static inline float envsamp__turn(float y, float x)
+{
+    float ax = x < 0.0f ? -x : x, ay = y < 0.0f ? -y : y;
+    float big = ax > ay ? ax : ay, small = ax > ay ? ay : ax;
+    float a = big > 0.0f ? small / big : 0.0f, t = a * a;
+    float turn = a * (0.159154941f + t * (-0.0530512667f + t * (0.0318199339f
+               + t * (-0.0226113556f + t * (0.0169574464f + t * (-0.0119902194f
+               + t * (0.00684993014f + t * (-0.00259152250f + t * 0.000462115071f))))))));
+
+    turn = ay > ax ? 0.25f - turn : turn;
+    turn = x < 0.0f ? 0.5f - turn : turn;
+    return y < 0.0f ? 1.0f - turn : turn;
+}
+
+/* Base-2 logarithm of a positive normal double, to 1e-15 (1 + |result|): m in [sqrt(1/2),
+   sqrt(2)) by its exponent, then the series of 2 atanh((m-1)/(m+1)). */
+static inline double envsamp__log2(double x)
+{
+    uint64_t bits;
+    double m, w, t;
+    int exponent;
+
+    memcpy(&bits, &x, sizeof bits);
+    exponent = (int)((bits - (uint64_t)0x3fe6a09e667f3bcd) >> 52 & 0xfffu);
+    exponent = exponent >= 0x800 ? exponent - 0x1000 : exponent;
+    bits -= (uint64_t)(int64_t)exponent << 52;
+    memcpy(&m, &bits, sizeof m);
+    w = (m - 1.0) / (m + 1.0);
+    t = w * w;
+    return (double)exponent + 2.88539008177792681472 * w * (1.0 + t * (1.0 / 3 + t * (1.0 / 5
+         + t * (1.0 / 7 + t * (1.0 / 9 + t * (1.0 / 11 + t * (1.0 / 13 + t * (1.0 / 15
+         + t * (1.0 / 17)))))))));
+}
+
+/* 2^x to 1e-15 relative, -1000 <= x <= 1000. */
+static inline double envsamp__exp2(double x)
+{
+    int whole = (int)(x + (x < 0.0 ? -0.5 : 0.5));
+    double f = (x - (double)whole) * 0.69314718055994530942, power;
+    uint64_t bits = (uint64_t)(whole + 1023) << 52;
+
+    memcpy(&power, &bits, sizeof power);
+    return power * (1.0 + f * (1.0 + f * (1.0 / 2 + f * (1.0 / 6 + f * (1.0 / 24 + f * (1.0 / 120
+         + f * (1.0 / 720 + f * (1.0 / 5040 + f * (1.0 / 40320 + f * (1.0 / 362880
+         + f * (1.0 / 3628800 + f * (1.0 / 39916800 + f * (1.0 / 479001600)))))))))))));
+}
+
+/* ============================================================================================
+ * COMMON                                                                  [search: @common]
+ * ========================================================================================== */
+
+ENVSAMP_DEF const char *envsamp_result_string(envsamp_result result)
+{
+    switch (result) {
+    case ENVSAMP_OK: return "no error";
+    case ENVSAMP_ERR_NULL: return "a required pointer is NULL";
+    case ENVSAMP_ERR_SIZE: return "width, height, channels or stride out of range";
+    case ENVSAMP_ERR_PARAM: return "a field of the description is out of range";
+    case ENVSAMP_ERR_VALUE: return "a pixel is NaN, infinite or negative";
+    case ENVSAMP_ERR_BLACK: return "the total importance is zero: nothing to sample";
+    case ENVSAMP_ERR_MEMORY: return "a buffer is too small";
+    case ENVSAMP_ERR_ALIGN: return "a buffer is not aligned";
+    case ENVSAMP_ERR_FORMAT: return "not a valid table of this kind";
+    }
+    return "unknown result";
+}
+
+ENVSAMP_DEF float envsamp_luminance(const float rgb[3])
+{
+    return 0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2];
+}
+
+ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_other)
+{
+    float ratio;
+
+    if (!(pdf_taken > 0.0f))
+        return 0.0f;
+    if (pdf_taken > FLT_MAX)
+        return pdf_other > FLT_MAX ? 0.5f : 1.0f;
+    ratio = pdf_other / pdf_taken;      /* squares of large densities would overflow */
+    return 1.0f / (1.0f + ratio * ratio);
+}
+
+ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v, float dir[3])
+{
+    float cosine_phi, sine_phi, cosine, sine;
+
+    dir[0] = dir[1] = dir[2] = 0.0f;
+    if (mapping != ENVSAMP_LATLONG && mapping != ENVSAMP_HEMISPHERE)
+        return;
+    u = u >= -1e6f && u <= 1e6f ? u : 0.0f;
+    u -= (float)(int)u;
+    v = v > 0.0f ? v : 0.0f;
+    v = v < 1.0f ? v : 1.0f;
+    envsamp__cos_sin_turn(u < 0.0f ? u + 1.0f : u, &cosine_phi, &sine_phi);
+    envsamp__cos_sin_turn(mapping == ENVSAMP_LATLONG ? 0.5f * v : 0.25f * v, &cosine, &sine);
+    sine = sine > 0.0f ? sine : 0.0f;
+    dir[0] = cosine_phi * sine;
+    dir[1] = sine_phi * sine;
+    dir[2] = cosine;
+}
+
+ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const float dir[3], float uv[2])
+{
+    float r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
+    float turn = envsamp__turn(r, dir[2]);
+
+    uv[0] = envsamp__turn(dir[1], dir[0]);
+    uv[0] = uv[0] < 1.0f ? uv[0] : 0.0f;
+    uv[1] = mapping == ENVSAMP_HEMISPHERE ? 4.0f * turn : 2.0f * turn;
+}
+
+/* ---- images ---- */
+
+static size_t envsamp__row_stride(const envsamp_image *image)
+{
+    return image->row_stride_bytes ? image->row_stride_bytes
+                                   : (size_t)image->width * (size_t)image->channels * 4;
+}
+
+static const float *envsamp__image_row(const envsamp_image *image, size_t stride, int y)
+{
+    return (const float *)(const void *)((const char *)image->pixels + (size_t)y * stride);
+}
+
+static envsamp_result envsamp__image_check(const envsamp_image *image)
+{
+    size_t stride;
+
+    if (image->width < 1 || image->width > 65535 || image->height < 1 || image->height > 65535
+        || (image->channels != 1 && image->channels != 3 && image->channels != 4))
+        return ENVSAMP_ERR_SIZE;
+    stride = envsamp__row_stride(image);
+    if (stride % 4 || stride / 4 / (size_t)image->channels < (size_t)image->width
+        || stride > SIZE_MAX / (size_t)image->height)
+        return ENVSAMP_ERR_SIZE;
+    return ENVSAMP_OK;
+}
+
+/* A pixel as importance sees it: black for NaN or infinite channels, negative ones 0. Returns
+   whether a channel was bad. */
+static int envsamp__mend_pixel(const float *pixel, int channels, float rgb[3])
+{
+    int black = 0, negative = 0, c;
+
+    for (c = 0; c < 3; c++) {
+        float value = pixel[channels == 1 ? 0 : c];
+        uint32_t bits = envsamp__float_bits(value);
+
+        black |= (bits & 0x7f800000u) == 0x7f800000u;
+        negative |= bits > 0x80000000u;
+        rgb[c] = bits < 0x7f800000u ? value : 0.0f;
+    }
+    if (black)
+        rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    return black || negative;
+}
+
+/* Adds weight times the texel (x, y): round the seam, and over the poles half a turn round. */
+static void envsamp__add_texel(const envsamp_image *image, int x, int y, float weight,
+                               float rgb[3])
+{
+    float texel[3];
+    int c;
+
+    if (y < 0 || y >= image->height) {
+        y = y < 0 ? 0 : image->height - 1;
+        x += image->width / 2;
+    }
+    x = (x + image->width) % image->width;
+    envsamp__mend_pixel(envsamp__image_row(image, envsamp__row_stride(image), y)
+                        + (size_t)x * (size_t)image->channels, image->channels, texel);
+    for (c = 0; c < 3; c++)
+        rgb[c] += weight * texel[c];
+}
+
+ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int bilinear, const float dir[3],
+                                float rgb[3])
+{
+    float uv[2], fx, fy;
+    int x, y;
+
+    ENVSAMP_ASSERT(image && dir && rgb);
+    envsamp_dir_to_uv(image->mapping, dir, uv);
+    rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    fx = uv[0] * (float)image->width - (bilinear ? 0.5f : 0.0f);
+    fy = uv[1] * (float)image->height - (bilinear ? 0.5f : 0.0f);
+    fx = fx > -1.0f && fx < 65536.0f ? fx : 0.0f;
+    fy = fy > -1.0f && fy < 65536.0f ? fy : 0.0f;
+    x = (int)(fx + 1.0f) - 1;
+    y = (int)(fy + 1.0f) - 1;
+    if (!bilinear) {
+        x = envsamp__min(x, image->width - 1);
+        envsamp__add_texel(image, x, envsamp__min(y, image->height - 1), 1.0f, rgb);
+        return;
+    }
+    fx -= (float)x;
+    fy -= (float)y;
+    envsamp__add_texel(image, x, y, (1.0f - fx) * (1.0f - fy), rgb);
+    envsamp__add_texel(image, x + 1, y, fx * (1.0f - fy), rgb);
+    envsamp__add_texel(image, x, y + 1, (1.0f - fx) * fy, rgb);
+    envsamp__add_texel(image, x + 1, y + 1, fx * fy, rgb);
+}
+
+/* ---- [lm] nonlinear least squares ------------------------------------------------------------
+ *
+ * Minimises |f(x)|^2 over n <= 8 parameters. Each iteration solves, inside a trust region,
+ *
+ *     min |J p + f|^2   subject to   |D p| <= delta
+ *
+ * where D holds the largest norm seen of each column of J [More 1978, section 6]. In the scaled
+ * variables z = D p the Householder QR of J D^-1 leaves an n by n triangle, whose singular value
+ * decomposition turns Levenberg's damped system into n separate equations. The damping that meets
+ * the step bound, the step and the predicted decrease then cost O(n^2), and a rank-deficient
+ * Jacobian needs no case of its own. Normal equations would square the condition number. */
+
+enum { ENVSAMP__LM_MAX_PARAMS = 8 };
+
+typedef struct envsamp__lm {
+    envsamp_lm_fn fn;
+    void *user;
+    int n, m;
+    int iterations, evaluations;
+    int converged, stopped;
+    int stale;                             /* the Jacobian belongs to an earlier point */
+    int blind_count;                       /* columns with no finite difference */
+    double ftol, xtol, gtol;
+    double *params;                        /* the caller's: the best point so far */
+    double *jacobian;                      /* n columns of m */
+    double *residuals, *trial;             /* f at params; f at the point being tried */
+    double cost;                           /* |f|^2 */
+    double delta;                          /* trust radius in |D p| */
+    double scale[ENVSAMP__LM_MAX_PARAMS];  /* D */
+    double basis[ENVSAMP__LM_MAX_PARAMS][ENVSAMP__LM_MAX_PARAMS];  /* right singular vectors */
+    double sigma2[ENVSAMP__LM_MAX_PARAMS];  /* squared singular values of J D^-1 */
+    double slope[ENVSAMP__LM_MAX_PARAMS];   /* gradient D^-1 J^T f, along the basis */
+} envsamp__lm;
+
+typedef struct envsamp__lm_step {
+    double damping;                              /* Levenberg's lambda */
+    double length;                               /* |D p| */
+    double linear_decrease;                      /* |J p|^2 */
+    double along[ENVSAMP__LM_MAX_PARAMS];        /* D p along the basis */
+} envsamp__lm_step;
+
+/* Four running sums: the additions overlap, and rounding grows four times slower. */
+static double envsamp__lm_dot(const double *a, const double *b, int count)
+{
+    double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0;
+    int i = 0;
+
+    for (; i < count - 3; i += 4) {
+        s0 += a[i] * b[i];
+        s1 += a[i + 1] * b[i + 1];
+        s2 += a[i + 2] * b[i + 2];
+        s3 += a[i + 3] * b[i + 3];
+    }
+    for (; i < count; ++i) s0 += a[i] * b[i];
+    return (s0 + s1) + (s2 + s3);
+}
+
+static double *envsamp__lm_column(const envsamp__lm *lm, int j)
+{
+    return lm->jacobian + (size_t)j * (size_t)lm->m;
+}
+
+/* |D x|: the length against which xtol is relative. */
+static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
+{
+    double scaled[ENVSAMP__LM_MAX_PARAMS];
+    int j;
+
+    for (j = 0; j < lm->n; ++j) scaled[j] = lm->scale[j] * lm->params[j];
+    return ENVSAMP_SQRT(envsamp__lm_dot(scaled, scaled, lm->n));
+}
+
+static int envsamp__lm_is_finite(const double *values, int count)
+{
+    int i;
+
+    for (i = 0; i < count; ++i) {
+        if (!(ENVSAMP_FABS(values[i]) <= DBL_MAX)) return 0;
+    }
+    return 1;
+}
+
+/* The cost at a point, or -1 where it is not finite. */
+static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double *residuals)
+{
+    double cost;
+
+    if (!envsamp__lm_is_finite(point, lm->n)) return -1.0;
+    lm->evaluations++;
+    lm->fn(point, residuals, lm->user);
+    cost = envsamp__lm_dot(residuals, residuals, lm->m);
+    return cost <= DBL_MAX ? cost : -1.0;
+}
+
+/* Column j of J by a difference over about h. Its norm, or -1 where that is not finite. */
+static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
+{
+    double point[ENVSAMP__LM_MAX_PARAMS] = {0.0};
+    double *column = envsamp__lm_column(lm, j);
+    double norm2;
+    int i;
+
+    for (i = 0; i < lm->n; ++i) point[i] = lm->params[i];
+    point[j] += h;
+    if (envsamp__lm_evaluate(lm, point, column) < 0.0) return -1.0;
+    h = point[j] - lm->params[j];  /* what rounding left of it */
+    for (i = 0; i < lm->m; ++i) column[i] = (column[i] - lm->residuals[i]) / h;
+    norm2 = envsamp__lm_dot(column, column, lm->m);
+    return norm2 <= DBL_MAX ? ENVSAMP_SQRT(norm2) : -1.0;
+}
+
+/* The step in parameter j. sqrt(epsilon) of its size balances truncation against rounding; but a
+ * parameter near zero must still move the residuals by sqrt(epsilon) of their norm, or rounding in
+ * them swamps the difference. */
+static double envsamp__lm_spacing(const envsamp__lm *lm, int j)
+{
+    double size = ENVSAMP_FABS(lm->params[j]);
+    double fnorm = ENVSAMP_SQRT(lm->cost);
+
+    if (lm->scale[j] > 0.0 && size < 1.0) {
+        double moving = fnorm < lm->scale[j] ? fnorm / lm->scale[j] : 1.0;
+
+        if (moving > size) size = moving;
+    }
+    size *= ENVSAMP_SQRT(DBL_EPSILON);
+    return size >= DBL_MIN ? size : ENVSAMP_SQRT(DBL_EPSILON);
+}
+
+/* Column j of J and its norm. */
+static double envsamp__lm_differentiate(envsamp__lm *lm, int j)
+{
+    const double root = ENVSAMP_SQRT(DBL_EPSILON);
+    double h = envsamp__lm_spacing(lm, j);
+    double norm = envsamp__lm_difference(lm, j, h);
+    int i;
+
+    if (norm < 0.0) norm = envsamp__lm_difference(lm, j, -h);
+    /* Nothing moved: h was too short for a parameter of natural size 1 that starts near 0. */
+    if (!(norm > 0.0) && h < root) norm = envsamp__lm_difference(lm, j, root);
+    if (norm >= 0.0) return norm;
+
+    lm->blind_count++;
+    for (i = 0; i < lm->m; ++i) envsamp__lm_column(lm, j)[i] = 0.0;
+    return 0.0;
+}
+
+/* J D^-1, with D raised to the column norms that are larger than before. */
+static void envsamp__lm_jacobian(envsamp__lm *lm)
+{
+    int i, j;
+
+    lm->blind_count = 0;
+    for (j = 0; j < lm->n; ++j) {
+        double norm = envsamp__lm_differentiate(lm, j);
+        double *column = envsamp__lm_column(lm, j);
+
+        if (norm > lm->scale[j]) lm->scale[j] = norm;
+        if (lm->scale[j] > 0.0) {
+            for (i = 0; i < lm->m; ++i) column[i] /= lm->scale[j];
+        }
+    }
+}
+
+/* Householder reflection that clears v below its first element, which it returns. v becomes the
+ * reflector, and 2 / |v|^2 is `beta`. */
+static double envsamp__lm_reflector(double *v, int count, double *beta)
+{
+    double norm2 = envsamp__lm_dot(v, v, count);
+    double norm = ENVSAMP_SQRT(norm2);
+    double head = v[0];
+
+    *beta = 0.0;
+    if (norm2 < DBL_MIN) return 0.0;  /* below this beta would overflow */
+    *beta = 1.0 / (norm * (norm + ENVSAMP_FABS(head)));
+    if (head > 0.0) norm = -norm;
+    v[0] = head - norm;
+    return norm;
+}
+
+static void envsamp__lm_reflect(const double *v, double beta, double *target, int count)
+{
+    double weight = beta * envsamp__lm_dot(v, target, count);
+    int i;
+
+    for (i = 0; i < count; ++i) target[i] -= weight * v[i];
+}
+
+/* QR of J D^-1 in place: the columns of R, and Q^T f in the first n values of lm->trial. */
+static void envsamp__lm_triangle(envsamp__lm *lm,
+                                 double r[ENVSAMP__LM_MAX_PARAMS][ENVSAMP__LM_MAX_PARAMS])
+{
+    int i, j, k;
+
+    for (i = 0; i < lm->m; ++i) lm->trial[i] = lm->residuals[i];
+    for (k = 0; k < lm->n; ++k) {
+        double *v = envsamp__lm_column(lm, k) + k;
+        double beta;
+
+        for (i = 0; i < lm->n; ++i) r[k][i] = i < k ? envsamp__lm_column(lm, k)[i] : 0.0;
+        r[k][k] = envsamp__lm_reflector(v, lm->m - k, &beta);
+        for (j = k + 1; j < lm->n; ++j) {
+            envsamp__lm_reflect(v, beta, envsamp__lm_column(lm, j) + k, lm->m - k);
+        }
+        envsamp__lm_reflect(v, beta, lm->trial + k, lm->m - k);
+    }
+}
+
+static void envsamp__lm_rotate(double *a, double *b, double cosine, double sine, int count)
+{
+    int i;
+
+    for (i = 0; i < count; ++i) {
+        double ai = a[i], bi = b[i];
+
+        a[i] = cosine * ai - sine * bi;
+        b[i] = sine * ai + cosine * bi;
+    }
+}
+
+/* Makes two columns of R V orthogonal. Nonzero if they were not so already. */
+static int envsamp__lm_orthogonalise(double *a, double *b, double *va, double *vb, int n)
+{
+    double aa = envsamp__lm_dot(a, a, n);
+    double bb = envsamp__lm_dot(b, b, n);
+    double ab = envsamp__lm_dot(a, b, n);
+    double zeta, tangent, cosine;
+
+    if (ENVSAMP_FABS(ab) <= DBL_EPSILON * ENVSAMP_SQRT(aa) * ENVSAMP_SQRT(bb)) return 0;
+    zeta = (bb - aa) / (2.0 * ab);
+    tangent = 1.0 / (ENVSAMP_FABS(zeta) + ENVSAMP_SQRT(1.0 + zeta * zeta));
+    if (zeta < 0.0) tangent = -tangent;
+    cosine = 1.0 / ENVSAMP_SQRT(1.0 + tangent * tangent);
+    envsamp__lm_rotate(a, b, cosine, cosine * tangent, n);
+    envsamp__lm_rotate(va, vb, cosine, cosine * tangent, n);
+    return 1;
+}
+
+/* One-sided Jacobi: R V has orthogonal columns, whose norms are the singular values. It keeps
+ * small singular values of a matrix with badly scaled columns relatively exact. */
+static void envsamp__lm_decompose(envsamp__lm *lm,
+                                  double r[ENVSAMP__LM_MAX_PARAMS][ENVSAMP__LM_MAX_PARAMS])
+{
+    int i, j, sweep, moved = 1;
+
+    for (j = 0; j < lm->n; ++j) {
+        for (i = 0; i < lm->n; ++i) lm->basis[j][i] = i == j ? 1.0 : 0.0;
+    }
+    for (sweep = 0; moved && sweep < 40; ++sweep) {
+        moved = 0;
+        for (j = 1; j < lm->n; ++j) {
+            for (i = 0; i < j; ++i) {
+                moved |= envsamp__lm_orthogonalise(r[i], r[j], lm->basis[i], lm->basis[j], lm->n);
+            }
+        }
+    }
+    for (j = 0; j < lm->n; ++j) {
+        lm->sigma2[j] = envsamp__lm_dot(r[j], r[j], lm->n);
+        lm->slope[j] = envsamp__lm_dot(r[j], lm->trial, lm->n);
+    }
+}
+
+/* Largest cosine of an angle between f and a column of J: zero at a stationary point. */
+static double envsamp__lm_cosine(const envsamp__lm *lm,
+                                 double r[ENVSAMP__LM_MAX_PARAMS][ENVSAMP__LM_MAX_PARAMS])
+{
+    double fnorm = ENVSAMP_SQRT(lm->cost);
+    double largest = 0.0;
+    int j;
+
+    for (j = 0; j < lm->n; ++j) {
+        double norm = ENVSAMP_SQRT(envsamp__lm_dot(r[j], r[j], lm->n));
+        double along = ENVSAMP_FABS(envsamp__lm_dot(r[j], lm->trial, lm->n));
+
+        if (norm > 0.0 && along > largest * norm) largest = along / norm;
+    }
+    return fnorm > 0.0 ? largest / fnorm : 0.0;
+}
+
+/* Everything about f at params that a step needs. Stops at a stationary point; one that seems so
+ * only because a column could not be had is not called converged. */
+static void envsamp__lm_linearise(envsamp__lm *lm)
+{
+    double r[ENVSAMP__LM_MAX_PARAMS][ENVSAMP__LM_MAX_PARAMS];
+
+    envsamp__lm_jacobian(lm);
+    envsamp__lm_triangle(lm, r);
+    lm->stopped = envsamp__lm_cosine(lm, r) <= lm->gtol;
+    lm->converged = lm->stopped && (lm->blind_count == 0 || lm->cost <= 0.0);
+    envsamp__lm_decompose(lm, r);
+    lm->stale = 0;
+}
+
+/* The minimiser of |J p + f|^2 + damping |D p|^2, along the basis. Directions below the rounding
+ * of J are left out, which gives the shortest of the undamped minimisers. */
+static void envsamp__lm_damped(const envsamp__lm *lm, double damping, envsamp__lm_step *step)
+{
+    double largest = 0.0, cutoff;
+    int j;
+
+    for (j = 0; j < lm->n; ++j) {
+        if (lm->sigma2[j] > largest) largest = lm->sigma2[j];
+    }
+    cutoff = largest * (lm->n * DBL_EPSILON) * (lm->n * DBL_EPSILON);
+    step->damping = damping;
+    step->linear_decrease = 0.0;
+    for (j = 0; j < lm->n; ++j) {
+        int kept = lm->sigma2[j] > cutoff;
+
+        step->along[j] = kept ? -lm->slope[j] / (lm->sigma2[j] + damping) : 0.0;
+        step->linear_decrease += lm->sigma2[j] * step->along[j] * step->along[j];
+    }
+    step->length = ENVSAMP_SQRT(envsamp__lm_dot(step->along, step->along, lm->n));
+}
+
+/* Newton's correction to the damping, on 1 / |D p| - 1 / delta, which is nearly linear in it
+ * [More 1978, section 5, after Hebden]. */
+static double envsamp__lm_newton(const envsamp__lm *lm, const envsamp__lm_step *step)
+{
+    double bend = 0.0;
+    int j;
+
+    for (j = 0; j < lm->n; ++j) {
+        double share = step->along[j] / step->length;
+
+        if (share != 0.0) bend += share * share / (lm->sigma2[j] + step->damping);
+    }
+    return (step->length - lm->delta) / (lm->delta * bend);
+}
+
+/* The damping, zero or such that |D p| is within a tenth of delta. |D p| <= |slope| / damping
+ * bounds it from above; Newton steps that leave the bracket are replaced by a bisection. */
+static void envsamp__lm_solve(const envsamp__lm *lm, envsamp__lm_step *step)
+{
+    double low = 0.0, high, damping;
+    int round;
+
+    envsamp__lm_damped(lm, 0.0, step);
+    if (step->length <= 1.1 * lm->delta) return;
+    high = ENVSAMP_SQRT(envsamp__lm_dot(lm->slope, lm->slope, lm->n)) / lm->delta;
+    damping = envsamp__lm_newton(lm, step);
+    for (round = 0; round < 60; ++round) {
+        if (!(damping > low && damping < high)) {
+            damping = ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high);
+            if (damping < 0.001 * high) damping = 0.001 * high;
+            if (damping <= low) damping = 0.5 * low + 0.5 * high;
+        }
+        envsamp__lm_damped(lm, damping, step);
+        if (ENVSAMP_FABS(step->length - lm->delta) <= 0.1 * lm->delta) return;
+        if (step->length > lm->delta) low = damping;
+        else high = damping;
+        damping += envsamp__lm_newton(lm, step);
+    }
+}
+
+/* x + D^-1 V y */
+static void envsamp__lm_move(const envsamp__lm *lm, const envsamp__lm_step *step, double *point)
+{
+    int i, j;
+
+    for (i = 0; i < lm->n; ++i) {
+        double z = 0.0;
+
+        for (j = 0; j < lm->n; ++j) z += lm->basis[j][i] * step->along[j];
+        point[i] = lm->params[i];
+        if (lm->scale[i] > 0.0) point[i] += z / lm->scale[i];
+    }
+}
+
+/* The new trust radius from the actual decrease, relative to the cost, and its ratio to the
+ * predicted one [More 1978, section 4]. A failed step shrinks it to the minimum of the parabola
+ * through the slope and the two costs, but to between a tenth and a half. */
+static void envsamp__lm_resize(envsamp__lm *lm, const envsamp__lm_step *step, double actual,
+                               double ratio)
+{
+    double descent = step->linear_decrease + step->damping * step->length * step->length;
+    double shrink = 0.5, reach = 10.0 * step->length;
+
+    if (ratio > 0.25) {
+        if (step->damping <= 0.0 || ratio >= 0.75) lm->delta = 2.0 * step->length;
+        return;
+    }
+    if (actual < 0.0) {
+        descent /= lm->cost;
+        shrink = 0.5 * descent / (descent - 0.5 * actual);
+        if (!(shrink >= 0.1)) shrink = 0.1;
+    }
+    lm->delta = shrink * (lm->delta < reach ? lm->delta : reach);
+}
+
+static void envsamp__lm_accept(envsamp__lm *lm, const double *point, double cost)
+{
+    double *swap = lm->residuals;
+    int i;
+
+    lm->residuals = lm->trial;
+    lm->trial = swap;
+    lm->cost = cost;
+    lm->stale = 1;
+    for (i = 0; i < lm->n; ++i) lm->params[i] = point[i];
+}
+
+/* One trial step: taken if it brings a ten-thousandth of the decrease that J promised. */
+static void envsamp__lm_iterate(envsamp__lm *lm)
+{
+    double point[ENVSAMP__LM_MAX_PARAMS];
+    envsamp__lm_step step;
+    double cost, actual = -99.0, predicted, ratio;
+
+    envsamp__lm_solve(lm, &step);
+    envsamp__lm_move(lm, &step, point);
+    if (lm->iterations++ == 0 && step.length < lm->delta) lm->delta = step.length;
+
+    cost = envsamp__lm_evaluate(lm, point, lm->trial);
+    predicted = step.linear_decrease + 2.0 * step.damping * step.length * step.length;
+    predicted /= lm->cost;
+    /* Ten times the residuals or more, and a cost that is not finite, fail alike. */
+    if (cost >= 0.0 && cost < 100.0 * lm->cost) actual = 1.0 - cost / lm->cost;
+    ratio = predicted > 0.0 ? actual / predicted : 0.0;
+    envsamp__lm_resize(lm, &step, actual, ratio);
+    if (ratio >= 1e-4) envsamp__lm_accept(lm, point, cost);
+
+    if (ENVSAMP_FABS(actual) <= lm->ftol && predicted <= lm->ftol && ratio <= 2.0) {
+        lm->converged = 1;
+    }
+    if (lm->delta <= lm->xtol * envsamp__lm_scaled_norm(lm)) lm->converged = 1;
+    lm->stopped = lm->converged;
+}
+
+/* The first trust radius: generous beside params, but wide enough to change f by its own size where
+ * they start near zero. */
+static void envsamp__lm_set_radius(envsamp__lm *lm)
+{
+    double fnorm = ENVSAMP_SQRT(lm->cost);
+
+    lm->delta = 100.0 * envsamp__lm_scaled_norm(lm);
+    if (lm->delta < fnorm) lm->delta = fnorm;
+}
+
+static void envsamp__lm_run(envsamp__lm *lm, int max_iterations)
+{
+    while (!lm->stopped && lm->iterations < max_iterations) {
+        if (lm->stale) envsamp__lm_linearise(lm);
+        if (lm->stopped) return;
+        if (lm->iterations == 0) envsamp__lm_set_radius(lm);
+        envsamp__lm_iterate(lm);
+    }
+}
+
+static double envsamp__lm_tolerance(double asked)
+{
+    if (asked > 0.0) return asked > DBL_EPSILON ? asked : DBL_EPSILON;
+    return 1e-12;
+}
+
+static int envsamp__lm_is_valid(const envsamp_lm_desc *desc)
+{
+    return desc->param_count >= 1 && desc->param_count <= ENVSAMP__LM_MAX_PARAMS
+        && desc->residual_count >= desc->param_count && desc->max_iterations >= 0
+        && desc->ftol >= 0.0 && desc->xtol >= 0.0 && desc->gtol >= 0.0;
+}
+
+ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
+{
+    size_t row_bytes;
+
+    if (!desc || !envsamp__lm_is_valid(desc)) return 0;
+    row_bytes = ((size_t)desc->param_count + 2) * sizeof(double);
+    if ((size_t)desc->residual_count > (size_t)-1 / row_bytes) return 0;
+    return row_bytes * (size_t)desc->residual_count;
+}
+
+static envsamp_result envsamp__lm_check(const envsamp_lm_desc *desc, envsamp_buffer scratch)
+{
+    size_t bytes = envsamp_lm_scratch_bytes(desc);
+
+    if (bytes == 0) return ENVSAMP_ERR_PARAM;
+    if (scratch.bytes < bytes) return ENVSAMP_ERR_MEMORY;
+    if ((uintptr_t)scratch.data % ENVSAMP_ALIGN != 0) return ENVSAMP_ERR_ALIGN;
+    return ENVSAMP_OK;
+}
+
+static void envsamp__lm_begin(envsamp__lm *lm, const envsamp_lm_desc *desc, double *params,
+                              double *scratch)
+{
+    size_t m = (size_t)desc->residual_count, n = (size_t)desc->param_count;
+
+    memset(lm, 0, sizeof *lm);
+    lm->n = desc->param_count;
+    lm->m = desc->residual_count;
+    lm->ftol = envsamp__lm_tolerance(desc->ftol);
+    lm->xtol = envsamp__lm_tolerance(desc->xtol);
+    lm->gtol = envsamp__lm_tolerance(desc->gtol);
+    lm->params = params;
+    lm->jacobian = scratch;
+    lm->residuals = scratch + m * n;
+    lm->trial = lm->residuals + m;
+    lm->stale = 1;
+}
+
+ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn fn, void *user,
+                                      double *params, envsamp_buffer scratch,
+                                      envsamp_lm_info *info)
+{
+    envsamp__lm lm;
+    envsamp_result result;
+
+    if (!desc || !fn || !params || !scratch.data) return ENVSAMP_ERR_NULL;
+    result = envsamp__lm_check(desc, scratch);
+    if (result != ENVSAMP_OK) return result;
+
+    envsamp__lm_begin(&lm, desc, params, (double *)scratch.data);
+    lm.fn = fn;
+    lm.user = user;
+    lm.cost = envsamp__lm_evaluate(&lm, params, lm.residuals);
+    if (lm.cost < 0.0) return ENVSAMP_ERR_VALUE;
+    envsamp__lm_run(&lm, desc->max_iterations ? desc->max_iterations : 200);
+    if (info) {
+        info->iterations = lm.iterations;
+        info->evaluations = lm.evaluations;
+        info->converged = lm.converged;
+        info->cost = lm.cost;
+    }
+    return ENVSAMP_OK;
+}
+
+/* ============================================================================================
+ * IMPORTANCE                                                            [search: @importance]
+ *
+ * The map as the builders see it: luminance, the solid angle of its rows, and a pyramid of
+ * cells. Level 0 is the texels, level 1 has cells of 4x4 texels, each further level cells twice
+ * as wide. A cell holds mean, root mean square and maximum, so every sum over a block adds
+ * positive numbers: nothing cancels, whatever sun stands beside the block, which differences of
+ * summed-area tables cannot promise. Floats hold a cell, doubles every sum over cells.
+ * ========================================================================================== */
+
+#define ENVSAMP__LEVELS 16      /* cells of 2^16 texels cover the widest map */
+#define ENVSAMP__CHUNK 64       /* columns that are accumulated together: a constant, so that
+                                   compilers vectorise at -O2 too */
+
+typedef struct envsamp__cell { float mean, rms, max; } envsamp__cell;
+
+typedef struct envsamp__level {
+    envsamp__cell *cells;
+    double *row_sr;             /* solid angle of one texel column in each row of cells */
+    int width, height, shift;
+} envsamp__level;
+
+typedef struct envsamp__map {
+    int width, height;
+    float *luminance;           /* level 0 */
+    envsamp__level levels[ENVSAMP__LEVELS];
+    int level_count;
+    double *above_sr;           /* solid angle of one texel column above each row edge */
+    double integral;
+    size_t bad_pixel_count;
+} envsamp__map;
+
+/* Luminance of a row that holds a bad pixel; returns how many. */
+static size_t envsamp__mend_row(const float *pixel, int channels, int width, float *luminance)
+{
+    size_t bad = 0;
+    int x;
+
+    for (x = 0; x < width; x++, pixel += channels) {
+        float rgb[3];
+
+        bad += (size_t)envsamp__mend_pixel(pixel, channels, rgb);
+        luminance[x] = channels == 1 ? rgb[0] : envsamp_luminance(rgb);
+        if (luminance[x] > FLT_MAX)
+            luminance[x] = FLT_MAX;     /* three channels of FLT_MAX may round up to infinity */
+    }
+    return bad;
+}
+
+/* Luminance of one row; nonzero if a pixel of it may be bad. Tested on the bits, so that
+   -ffast-math cannot drop the test: a set sign, or an exponent of all ones, carries into the
+   top bit. */
+static int envsamp__luminance_row(const float *pixel, int channels, int width, float *luminance)
+{
+    uint32_t top = 0;
+    int x;
+
+    if (channels == 1) {
+        for (x = 0; x < width; x++) {
+            uint32_t bits = envsamp__float_bits(pixel[x]);
+
+            luminance[x] = pixel[x];
+            top |= bits | (bits + 0x00800000u);
+        }
+        return (int)(top >> 31);
+    }
+    for (x = 0; x < width; x++, pixel += channels) {
+        float sum = 0.2126f * pixel[0] + 0.7152f * pixel[1] + 0.0722f * pixel[2];
+
+        luminance[x] = sum;
+        top |= envsamp__float_bits(pixel[0]) | envsamp__float_bits(pixel[1])
+             | envsamp__float_bits(pixel[2]) | (envsamp__float_bits(sum) + 0x00800000u);
+    }
+    return (int)(top >> 31);
+}
+
+/* Columns of one chunk: adds a row of texels, each weighing row_sr. */
+static inline void envsamp__add_row(const float *luminance, double row_sr, int count,
+                                    double *sum, double *square, float *max)
+{
+    int x;
+
+    for (x = 0; x < count; x++) {
+        double value = (double)luminance[x];
+
+        sum[x] += row_sr * value;
+        square[x] += row_sr * value * value;
+    }
+    for (x = 0; x < count; x++)
+        max[x] = luminance[x] > max[x] ? luminance[x] : max[x];
+}
+
+/* One row of level-1 cells from its up to four rows of texels. */
+static void envsamp__cell_row(envsamp__map *map, int cell_y)
+{
+    envsamp__level *level = &map->levels[1];
+    const double *row_sr = map->levels[0].row_sr;
+    int y0 = cell_y * 4, y1 = envsamp__min(y0 + 4, map->height), x0, x, y, i;
+
+    for (x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
+        double sum[ENVSAMP__CHUNK] = { 0.0 }, square[ENVSAMP__CHUNK] = { 0.0 };
+        float max[ENVSAMP__CHUNK] = { 0.0f };
+        int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
+
+        for (y = y0; y < y1; y++) {
+            const float *row = map->luminance + (size_t)y * (size_t)map->width + x0;
+
+            if (count == ENVSAMP__CHUNK)
+                envsamp__add_row(row, row_sr[y], ENVSAMP__CHUNK, sum, square, max);
+            else
+                envsamp__add_row(row, row_sr[y], count, sum, square, max);
+        }
+        for (x = 0; x < count; x += 4) {
+            envsamp__cell *cell = level->cells + (size_t)cell_y * (size_t)level->width
+                                + (size_t)((x0 + x) / 4);
+            int end = envsamp__min(x + 4, count);
+            double inverse_sr = 1.0 / (level->row_sr[cell_y] * (double)(end - x));
+
+            for (i = x + 1; i < end; i++) {
+                sum[x] += sum[i];
+                square[x] += square[i];
+                max[x] = max[i] > max[x] ? max[i] : max[x];
+            }
+            cell->mean = (float)(sum[x] * inverse_sr);
+            cell->rms = (float)ENVSAMP_SQRT(square[x] * inverse_sr);
+            cell->max = max[x];
+            map->integral += sum[x];
+        }
+    }
+}
+
+/* Texel columns that column x of a level holds: fewer at the right edge. */
+static inline int envsamp__columns(const envsamp__map *map, const envsamp__level *level, int x)
+{
+    return envsamp__min((x + 1) << level->shift, map->width) - (x << level->shift);
+}
+
+/* One cell from the up to four below it. */
+static envsamp__cell envsamp__merge_cells(const envsamp__map *map, const envsamp__level *below,
+                                          int x, int y)
+{
+    double sum = 0.0, square = 0.0, sr = 0.0;
+    envsamp__cell cell = { 0.0f, 0.0f, 0.0f };
+    int i, j;
+
+    for (j = 2 * y; j < envsamp__min(2 * y + 2, below->height); j++)
+        for (i = 2 * x; i < envsamp__min(2 * x + 2, below->width); i++) {
+            const envsamp__cell *part = below->cells + (size_t)j * (size_t)below->width + i;
+            double part_sr = below->row_sr[j] * (double)envsamp__columns(map, below, i);
+
+            sum += part_sr * (double)part->mean;
+            square += part_sr * (double)part->rms * (double)part->rms;
+            sr += part_sr;
+            cell.max = part->max > cell.max ? part->max : cell.max;
+        }
+    cell.mean = (float)(sum / sr);
+    cell.rms = (float)ENVSAMP_SQRT(square / sr);
+    return cell;
+}
+
+/* Solid angles of the rows of every level, from row edges at polar angles pi y / height.
+   cos a - cos b = 2 sin((a+b)/2) sin((b-a)/2): the difference itself cancels at the poles. */
+static void envsamp__row_angles(envsamp__map *map)
+{
+    double step = 0.5 / (double)map->height, sine, cosine, half_sine;
+    int k, y;
+
+    envsamp__sincos_pi(step, &half_sine, &cosine);
+    map->above_sr[0] = 0.0;
+    for (y = 0; y < map->height; y++) {
+        envsamp__sincos_pi(step * (double)(2 * y + 1), &sine, &cosine);
+        map->levels[0].row_sr[y] = 4.0 * ENVSAMP__PI / (double)map->width * sine * half_sine;
+        map->above_sr[y + 1] = map->above_sr[y] + map->levels[0].row_sr[y];
+    }
+    for (k = 1; k < map->level_count; k++)
+        for (y = 0; y < map->levels[k].height; y++) {
+            int shift = map->levels[k].shift;
+
+            map->levels[k].row_sr[y] =
+                map->above_sr[envsamp__min((y + 1) << shift, map->height)]
+                - map->above_sr[y << shift];
+        }
+}
+
+/* Reads the image and fills the map, whose arrays are in place. */
+static envsamp_result envsamp__map_fill(envsamp__map *map, const envsamp_image *image, int strict)
+{
+    size_t stride = envsamp__row_stride(image);
+    int x, y, k;
+
+    envsamp__row_angles(map);
+    map->integral = 0.0;
+    map->bad_pixel_count = 0;
+    for (y = 0; y < map->height; y++) {
+        const float *row = envsamp__image_row(image, stride, y);
+        float *luminance = map->luminance + (size_t)y * (size_t)map->width;
+
+        if (envsamp__luminance_row(row, image->channels, map->width, luminance))
+            map->bad_pixel_count +=
+                envsamp__mend_row(row, image->channels, map->width, luminance);
+        if (strict && map->bad_pixel_count)
+            return ENVSAMP_ERR_VALUE;
+        if (y % 4 == 3 || y + 1 == map->height)
+            envsamp__cell_row(map, y / 4);
+    }
+    for (k = 2; k < map->level_count; k++)
+        for (y = 0; y < map->levels[k].height; y++)
+            for (x = 0; x < map->levels[k].width; x++)
+                map->levels[k].cells[(size_t)y * (size_t)map->levels[k].width + (size_t)x] =
+                    envsamp__merge_cells(map, &map->levels[k - 1], x, y);
+    return map->integral > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
+}
+
+/* ============================================================================================
+ * KD BUILD                                                              [search: @kd-build]
+ *
+ * Best-first splitting [1, algorithms 1-3]. A block finds its best split from the sums of its
+ * columns and rows, read at the finest level where it has at most ENVSAMP__PROFILE cells; a
+ * block that size is made of texels, so every small block splits at texel edges. Blocks align
+ * with the cells of their own level, because a part never reads a coarser level than its whole.
+ * ========================================================================================== */
+
+#define ENVSAMP__PROFILE 256    /* cells read for one split. Excess variance at 6144 blocks, of
+                                   a search over every texel: 64 +21 %, 128 +12 %, 256 +4 %,
+                                   1024 +1 % */
+#define ENVSAMP__FLAT 1e-12     /* relative: below it a block is flat */
+#define ENVSAMP__HOPE 0.02      /* of its bound: what a searched block still wants at least, since
+                                   two cuts may gain what one cannot */
+
+typedef struct envsamp__moments { double sum, square; float max; } envsamp__moments;
+
+typedef struct envsamp__block {
+    int x0, y0, x1, y1;
+    envsamp__moments whole, low, high;  /* of the block; of the two parts of its best split */
+    int axis, at;                       /* best split: 0 at column, 1 at row; -1 none */
+    uint32_t slot;                      /* where the tree refers to the block */
+} envsamp__block;
+
+typedef struct envsamp__heap_entry { double key; uint32_t block; int searched; }
+    envsamp__heap_entry;
+
+/* Sums along one axis of a block. */
+typedef struct envsamp__profile {
+    double sum[ENVSAMP__PROFILE], square[ENVSAMP__PROFILE], weight[ENVSAMP__PROFILE];
+    float max[ENVSAMP__PROFILE];
+} envsamp__profile;
+
+/* An inner node: cuts at column (axis 0) or row (axis 1) `at`. A child is a node's index, or
+   ENVSAMP__LEAF and a block's. Children come after their parents. */
+#define ENVSAMP__LEAF 0x80000000u
+typedef struct envsamp__cut { int axis, at; uint32_t child[2]; } envsamp__cut;
+
+typedef struct envsamp__tree {
+    const envsamp__map *map;
+    envsamp_kd_criterion criterion;
+    envsamp__block *blocks;
+    envsamp__cut *cuts;
+    envsamp__heap_entry *heap;
+    envsamp__profile *columns, *rows;
+    int block_count, heap_count;
+} envsamp__tree;
+
+/* Solid angle of a block, without the cancellation of above_sr at the poles. */
+static double envsamp__block_sr(const envsamp__map *map, int x0, int y0, int x1, int y1)
+{
+    double step = 0.5 / (double)map->height, mid, half, cosine;
+
+    envsamp__sincos_pi(step * (double)(y0 + y1), &mid, &cosine);
+    envsamp__sincos_pi(step * (double)(y1 - y0), &half, &cosine);
+    return 4.0 * ENVSAMP__PI * (double)(x1 - x0) / (double)map->width * mid * half;
+}
+
+/* Root mean square of the block times its solid angle: what the best block probabilities are
+   proportional to, and of which the excess variance is (sum Q)^2 / I^2 - 1. */
+static double envsamp__q(double sr, double square)
+{
+    return ENVSAMP_SQRT(sr * square);
+}
+
+/* Sum of squared errors about the mean, weighted by solid angle [1, equation 2]. */
+static double envsamp__sse(double sr, const envsamp__moments *m)
+{
+    double sse = m->square - m->sum * m->sum / sr;
+
+    return sse > ENVSAMP__FLAT * m->square ? sse : 0.0;
+}
+
+static double envsamp__range(const envsamp__map *map, const envsamp__block *b)
+{
+    float low = b->whole.max;
+    int x, y;
+
+    for (y = b->y0; y < b->y1; y++) {
+        const float *row = map->luminance + (size_t)y * (size_t)map->width;
+
+        for (x = b->x0; x < b->x1; x++)
+            low = row[x] < low ? row[x] : low;
+    }
+    return (double)b->whole.max - (double)low;
+}
+
+/* How much a block wants to be split before its best split is known. For EXCESS a bound: no
+   split gains more than what the block's own variance costs. */
+static double envsamp__priority(const envsamp__tree *tree, const envsamp__block *b)
+{
+    const double *above_sr = tree->map->above_sr;
+    double sr = (above_sr[b->y1] - above_sr[b->y0]) * (double)(b->x1 - b->x0), q;
+
+    switch (tree->criterion) {
+    case ENVSAMP_KD_SSE: return envsamp__sse(sr, &b->whole);
+    case ENVSAMP_KD_VARIANCE: return envsamp__sse(sr, &b->whole) / sr;
+    case ENVSAMP_KD_RANGE: return envsamp__range(tree->map, b);
+    default:
+        q = envsamp__q(sr, b->whole.square);
+        return q - b->whole.sum > ENVSAMP__FLAT * q ? q - b->whole.sum : 0.0;
+    }
+}
+
+static void envsamp__profile_clear(envsamp__profile *p, int count)
+{
+    int i;
+
+    for (i = 0; i < count; i++) {
+        p->sum[i] = p->square[i] = 0.0;
+        p->max[i] = 0.0f;
+    }
+}
+
+/* Columns and rows of a block of texels. */
+static void envsamp__profile_texels(envsamp__tree *tree, const envsamp__block *b)
+{
+    const envsamp__map *map = tree->map;
+    envsamp__profile *c = tree->columns, *r = tree->rows;
+    int width = b->x1 - b->x0, height = b->y1 - b->y0, x, y;
+
+    envsamp__profile_clear(c, width);
+    for (y = 0; y < height; y++) {
+        const float *row = map->luminance + (size_t)(b->y0 + y) * (size_t)map->width + b->x0;
+        double sr = map->levels[0].row_sr[b->y0 + y], sum = 0.0, square = 0.0;
+        float max = 0.0f;
+
+        for (x = 0; x < width; x++) {
+            double value = (double)row[x], part = sr * value;
+
+            sum += part;
+            square += part * value;
+            c->sum[x] += part;
+            c->square[x] += part * value;
+            c->max[x] = row[x] > c->max[x] ? row[x] : c->max[x];
+            max = row[x] > max ? row[x] : max;
+        }
+        r->sum[y] = sum;
+        r->square[y] = square;
+        r->max[y] = max;
+        r->weight[y] = sr;
+    }
+    for (x = 0; x < width; x++)
+        c->weight[x] = 1.0;
+}
+
+/* Columns and rows of a block of cells, width x height of them from (x0, y0). */
+static void envsamp__profile_cells(envsamp__tree *tree, const envsamp__level *level,
+                                   int x0, int y0, int width, int height)
+{
+    envsamp__profile *c = tree->columns, *r = tree->rows;
+    int x, y;
+
+    envsamp__profile_clear(c, width);
+    for (x = 0; x < width; x++)
+        c->weight[x] = (double)envsamp__columns(tree->map, level, x0 + x);
+    for (y = 0; y < height; y++) {
+        const envsamp__cell *row = level->cells + (size_t)(y0 + y) * (size_t)level->width + x0;
+        double row_sr = level->row_sr[y0 + y], sum = 0.0, square = 0.0;
+        float max = 0.0f;
+
+        for (x = 0; x < width; x++) {
+            double sr = row_sr * c->weight[x], rms = (double)row[x].rms;
+            double part = sr * (double)row[x].mean, part_square = sr * rms * rms;
+
+            sum += part;
+            square += part_square;
+            c->sum[x] += part;
+            c->square[x] += part_square;
+            c->max[x] = row[x].max > c->max[x] ? row[x].max : c->max[x];
+            max = row[x].max > max ? row[x].max : max;
+        }
+        r->sum[y] = sum;
+        r->square[y] = square;
+        r->max[y] = max;
+        r->weight[y] = row_sr;
+    }
+}
+
+/* Cells of a level that the texels [from, to) reach: block edges align, map edges may not. */
+static inline int envsamp__cell_count(int from, int to, int shift)
+{
+    return ((to + (1 << shift) - 1) >> shift) - (from >> shift);
+}
+
+/* The finest level at which the block has at most ENVSAMP__PROFILE cells. */
+static int envsamp__block_level(const envsamp__map *map, const envsamp__block *b)
+{
+    int k = 0;
+
+    for (; k + 1 < map->level_count; k++) {
+        int shift = map->levels[k].shift;
+
+        if ((int64_t)envsamp__cell_count(b->x0, b->x1, shift)
+            * envsamp__cell_count(b->y0, b->y1, shift) <= ENVSAMP__PROFILE)
+            break;
+    }
+    return k;
+}
+
+static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int from, int to)
+{
+    envsamp__moments m = { 0.0, 0.0, 0.0f };
+    int i;
+
+    for (i = from; i < to; i++) {
+        m.sum += p->sum[i];
+        m.square += p->square[i];
+        m.max = p->max[i] > m.max ? p->max[i] : m.max;
+    }
+    return m;
+}
+
+/* The best place to cut along one axis. */
+typedef struct envsamp__search { double best; int axis, at; } envsamp__search;
+
+/* Tries every cut along one axis and keeps the best. A part of solid angle A, sum S and square
+   sum T is worth S^2/A, the squares its mean explains [1, equation 3], or, for EXCESS, costs
+   sqrt(A T): the sum of two such roots is compared by its square, which needs one root. */
+static void envsamp__try_cuts(const envsamp__profile *p, int count, double cross, double sr,
+                              const envsamp__moments *whole, int excess, int axis,
+                              envsamp__search *search)
+{
+    double sum = 0.0, square = 0.0, weight = 0.0;
+    int i;
+
+    for (i = 0; i + 1 < count; i++) {
+        double low_sr, high_sr, value;
+
+        sum += p->sum[i];
+        square += p->square[i];
+        weight += p->weight[i];
+        low_sr = weight * cross;
+        high_sr = sr - low_sr;
+        if (excess) {
+            double low = low_sr * square, high = high_sr * (whole->square - square);
+
+            high = high > 0.0 ? high : 0.0;
+            value = -(low + high + 2.0 * ENVSAMP_SQRT(low * high));
+        } else {
+            double rest = whole->sum - sum;
+
+            value = (sum * sum * high_sr + rest * rest * low_sr) / (low_sr * high_sr);
+        }
+        if (value > search->best) {
+            search->best = value;
+            search->axis = axis;
+            search->at = i + 1;
+        }
+    }
+}
+
+/* What the found cut gains; 0 or rounding when every cut is as good as none. */
+static double envsamp__cut_gain(const envsamp__search *search, double sr,
+                                const envsamp__moments *whole, int excess)
+{
+    if (excess)
+        return envsamp__q(sr, whole->square) - ENVSAMP_SQRT(-search->best);
+    return search->best - whole->sum * whole->sum / sr;
+}
+
+/* Finds the block's best split and the moments of both parts, and returns what it gains. Where
+   no cut gains anything yet the block is not flat (a checkerboard), cuts it in the middle of its
+   longer side, so that its parts may. */
+static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
+{
+    const envsamp__map *map = tree->map;
+    int k = envsamp__block_level(map, b), shift = map->levels[k].shift;
+    int x0 = b->x0 >> shift, y0 = b->y0 >> shift;
+    int width = envsamp__cell_count(b->x0, b->x1, shift);
+    int height = envsamp__cell_count(b->y0, b->y1, shift);
+    int excess = tree->criterion == ENVSAMP_KD_EXCESS;
+    double column_sr = map->above_sr[b->y1] - map->above_sr[b->y0];
+    double columns = (double)(b->x1 - b->x0), sr = column_sr * columns, gain;
+    envsamp__search search = { -DBL_MAX, -1, 0 };
+    envsamp__moments whole;
+
+    if (k == 0)
+        envsamp__profile_texels(tree, b);
+    else
+        envsamp__profile_cells(tree, &map->levels[k], x0, y0, width, height);
+    whole = envsamp__profile_moments(tree->rows, 0, height);
+    envsamp__try_cuts(tree->columns, width, column_sr, sr, &whole, excess, 0, &search);
+    envsamp__try_cuts(tree->rows, height, columns, sr, &whole, excess, 1, &search);
+    b->whole = whole;
+    b->axis = search.axis;
+    if (search.axis < 0)
+        return 0.0;
+    gain = envsamp__cut_gain(&search, sr, &whole, excess);
+    if (gain <= ENVSAMP__FLAT * (excess ? whole.sum : search.best)) {
+        gain = 0.0;
+        b->axis = search.axis = width < height;
+        search.at = (search.axis ? height : width) / 2;
+    }
+    b->low = envsamp__profile_moments(search.axis ? tree->rows : tree->columns, 0, search.at);
+    b->high = envsamp__profile_moments(search.axis ? tree->rows : tree->columns, search.at,
+                                       search.axis ? height : width);
+    b->at = ((search.axis ? y0 : x0) + search.at) << shift;
+    return gain;
+}
+
+/* Moves the entry at the top down to its place. */
+static void envsamp__heap_settle(envsamp__tree *tree)
+{
+    envsamp__heap_entry entry = tree->heap[0];
+    int hole = 0, child = 1;
+
+    while (child < tree->heap_count) {
+        if (child + 1 < tree->heap_count && tree->heap[child + 1].key > tree->heap[child].key)
+            child++;
+        if (tree->heap[child].key <= entry.key)
+            break;
+        tree->heap[hole] = tree->heap[child];
+        hole = child;
+        child = 2 * hole + 1;
+    }
+    tree->heap[hole] = entry;
+}
+
+static void envsamp__heap_push(envsamp__tree *tree, double key, uint32_t block)
+{
+    int hole = tree->heap_count++;
+
+    while (hole > 0 && tree->heap[(hole - 1) / 2].key < key) {
+        tree->heap[hole] = tree->heap[(hole - 1) / 2];
+        hole = (hole - 1) / 2;
+    }
+    tree->heap[hole].key = key;
+    tree->heap[hole].block = block;
+    tree->heap[hole].searched = 0;
+}
+
+/* Replaces a block by the two parts of its best split: the low part takes its place. */
+static void envsamp__split(envsamp__tree *tree, uint32_t index)
+{
+    envsamp__block *b = &tree->blocks[index], *high = &tree->blocks[tree->block_count];
+    uint32_t cut = (uint32_t)tree->block_count - 1;
+
+    *high = *b;
+    high->whole = b->high;
+    b->whole = b->low;
+    if (b->axis == 0)
+        b->x1 = high->x0 = b->at;
+    else
+        b->y1 = high->y0 = b->at;
+    tree->cuts[cut].axis = b->axis;
+    tree->cuts[cut].at = b->at;
+    tree->cuts[cut].child[0] = ENVSAMP__LEAF | index;
+    tree->cuts[cut].child[1] = ENVSAMP__LEAF | (uint32_t)tree->block_count;
+    if (b->slot != ENVSAMP__LEAF)
+        tree->cuts[b->slot >> 1].child[b->slot & 1] = cut;
+    b->slot = cut * 2;
+    high->slot = cut * 2 + 1;
+    tree->block_count++;
+}
+
+/* Splits until `wanted` blocks stand or all are flat. The heap holds every block once; one whose
+   split was not yet searched goes by its bound, and is searched only when it comes to the top. */
+static void envsamp__tree_grow(envsamp__tree *tree, int wanted)
+{
+    envsamp__block *root = &tree->blocks[0];
+
+    root->x0 = root->y0 = 0;
+    root->x1 = tree->map->width;
+    root->y1 = tree->map->height;
+    root->slot = ENVSAMP__LEAF;
+    tree->block_count = 1;
+    tree->heap_count = 0;
+    envsamp__find_split(tree, root);
+    envsamp__heap_push(tree, envsamp__priority(tree, root), 0);
+    while (tree->block_count < wanted && tree->heap[0].key > 0.0) {
+        envsamp__heap_entry *top = &tree->heap[0];
+        envsamp__block *block = &tree->blocks[top->block];
+
+        if (!top->searched) {
+            double gain = envsamp__find_split(tree, block);
+
+            top->searched = 1;
+            if (block->axis < 0)
+                top->key = 0.0;
+            else if (tree->criterion == ENVSAMP_KD_EXCESS)
+                top->key = envsamp__max(gain, ENVSAMP__HOPE * top->key);
+            envsamp__heap_settle(tree);
+        } else {
+            uint32_t high = (uint32_t)tree->block_count;
+
+            envsamp__split(tree, top->block);
+            top->key = envsamp__priority(tree, block);
+            top->searched = 0;
+            envsamp__heap_settle(tree);
+            envsamp__heap_push(tree, envsamp__priority(tree, &tree->blocks[high]), high);
+        }
+    }
+}
+
+/* ============================================================================================
+ * KD PROBABILITIES                                              [search: @kd-probabilities]
+ *
+ * How often each block is drawn. ALIAS: in proportion to Q, as whole multiples of 2^-24. FIT: a
+ * model over the blocks sorted by probability, of which a table holds two numbers.
+ *
+ * The model is P(x) = G(x)/G(n) with L = log2(1 + x/alpha) and G = L [1, equation 6] or, for
+ * POWER, G = (2^(gamma L) - 1)/gamma with gamma = 1 - beta, whose limit at gamma = 0 is L times
+ * log 2. Block k has the probability of bin k, P(k+1) - P(k). The point value p(k) of [1] is not
+ * that: p varies inside a bin, 100-fold in the first at alpha = 0.01.
+ * ========================================================================================== */
+
+#define ENVSAMP__LOG2_ALPHA_MIN (-24.0)     /* the first block takes nearly all */
+#define ENVSAMP__FIT_STARTS 4               /* local minima of the scan that are polished */
+
+typedef struct envsamp__fit {
+    envsamp_kd_model model;
+    envsamp_kd_objective objective;
+    int count;                      /* blocks above zero */
+    const double *target;           /* L1: empirical probabilities; CHI2: Q; in falling order */
+    double *weight;                 /* L1: of the residuals */
+    envsamp_buffer lm_scratch;
+} envsamp__fit;
+
+typedef struct envsamp__fit_point { double cost, param[2]; } envsamp__fit_point;
+
+/* gamma of beta, exactly 0 where the power would only be a worse computed logarithm. */
+static inline double envsamp__model_gamma(double beta)
+{
+    double gamma = 1.0 - beta;
+
+    return gamma < 1e-6 && gamma > -1e-6 ? 0.0 : gamma;
+}
+
+static inline double envsamp__model_g(double gamma, double x_over_alpha)
+{
+    double log_ratio = envsamp__log2(1.0 + x_over_alpha);
+
+    return gamma == 0.0 ? log_ratio : (envsamp__exp2(gamma * log_ratio) - 1.0) / gamma;
+}
+
+/* Where parameters (log2 alpha, beta) still compute: alpha = 1000 n is a flat model. */
+static int envsamp__fit_in_range(const envsamp__fit *fit, const double *param)
+{
+    return param[0] >= ENVSAMP__LOG2_ALPHA_MIN
+        && param[0] <= 10.0 + envsamp__log2((double)fit->count)
+        && (fit->model == ENVSAMP_KD_LOG || (param[1] >= -4.0 && param[1] <= 8.0));
+}
+
+/* The objective at a point; with its residuals, unless those are NULL. */
+static double envsamp__fit_cost(const envsamp__fit *fit, const double *param, double *residual)
+{
+    double gamma = fit->model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(param[1]);
+    double inverse_alpha = envsamp__exp2(-param[0]), low = 0.0, cost = 0.0;
+    double scale = 1.0 / envsamp__model_g(gamma, (double)fit->count * inverse_alpha);
+    int k;
+
+    for (k = 0; k < fit->count; k++) {
+        double high = envsamp__model_g(gamma, (double)(k + 1) * inverse_alpha);
+        double bin = (high - low) * scale, target = fit->target[k], error = target - bin;
+
+        low = high;
+        bin = bin > 1e-30 ? bin : 1e-30;
+        if (fit->objective == ENVSAMP_KD_CHI2)
+            cost += target * target / bin;
+        else
+            cost += error < 0.0 ? -error : error;
+        if (residual && fit->objective == ENVSAMP_KD_CHI2)
+            residual[k] = target / ENVSAMP_SQRT(bin);
+        else if (residual)
+            residual[k] = error * fit->weight[k];
+    }
+    return cost;
+}
+
+static void envsamp__fit_residuals(const double *param, double *residual, void *user)
+{
+    const envsamp__fit *fit = (const envsamp__fit *)user;
+
+    if (envsamp__fit_in_range(fit, param))
+        envsamp__fit_cost(fit, param, residual);
+    else
+        residual[0] = DBL_MAX;     /* its square is infinite */
+}
+
+static void envsamp__fit_keep(envsamp__fit_point *best, double cost, const double *param)
+{
+    if (cost < best->cost) {
+        best->cost = cost;
+        best->param[0] = param[0];
+        best->param[1] = param[1];
+    }
+}
+
+/* Levenberg-Marquardt from a point. CHI2 is a sum of squares as it stands. L1 becomes one by
+   weights of 1/sqrt(|residual|) from the point before, again and again. */
+static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
+{
+    envsamp_lm_desc desc = { 1, 0, 30, 1e-10, 1e-10, 1e-10 };
+    int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3, round, k;
+    double param[2];
+
+    param[0] = point->param[0];
+    param[1] = point->param[1];
+    desc.param_count = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
+    desc.residual_count = envsamp__max_int(fit->count, desc.param_count);
+    for (round = 0; round < rounds; round++) {
+        if (fit->objective == ENVSAMP_KD_L1) {
+            for (k = 0; k < fit->count; k++)
+                fit->weight[k] = 1.0;
+            envsamp__fit_cost(fit, param, fit->weight);
+            for (k = 0; k < fit->count; k++)
+                fit->weight[k] = 1.0 / ENVSAMP_SQRT(ENVSAMP_FABS(fit->weight[k]) + 1e-9);
+        }
+        if (envsamp_lm(&desc, envsamp__fit_residuals, fit, param, fit->lm_scratch, NULL))
+            return;
+        envsamp__fit_keep(point, envsamp__fit_cost(fit, param, NULL), param);
+    }
+}
+
+/* Golden-section search along one parameter: finds the kink that a minimum of L1 is, which no
+   sum of squares has. */
+static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best, int index,
+                              double reach)
+{
+    const double golden = 0.61803398874989484820;
+    double low = best->param[index] - reach, high = best->param[index] + reach;
+    double a[2], b[2], cost_a, cost_b;
+    int i;
+
+    a[0] = b[0] = best->param[0];
+    a[1] = b[1] = best->param[1];
+    a[index] = high - golden * (high - low);
+    b[index] = low + golden * (high - low);
+    cost_a = envsamp__fit_cost(fit, a, NULL);
+    cost_b = envsamp__fit_cost(fit, b, NULL);
+    for (i = 0; i < 30; i++) {
+        if (cost_a < cost_b) {
+            high = b[index];
+            b[index] = a[index];
+            cost_b = cost_a;
+            a[index] = high - golden * (high - low);
+            cost_a = envsamp__fit_cost(fit, a, NULL);
+        } else {
+            low = a[index];
+            a[index] = b[index];
+            cost_a = cost_b;
+            b[index] = low + golden * (high - low);
+            cost_b = envsamp__fit_cost(fit, b, NULL);
+        }
+    }
+    envsamp__fit_keep(best, cost_a < cost_b ? cost_a : cost_b, cost_a < cost_b ? a : b);
+}
+
+/* Scans log2 alpha at one beta for local minima and keeps the best ENVSAMP__FIT_STARTS. */
+static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
+                              envsamp__fit_point *starts)
+{
+    double last = DBL_MAX, before = DBL_MAX, param[2];
+    int i, k, more = 1;
+
+    param[1] = beta;
+    for (i = 0; more; i++) {
+        double cost;
+
+        param[0] = ENVSAMP__LOG2_ALPHA_MIN + step * (double)i;
+        more = envsamp__fit_in_range(fit, param);
+        cost = more ? envsamp__fit_cost(fit, param, NULL) : DBL_MAX;
+        param[0] -= step;
+        if (i > 0 && last <= before && last <= cost && last < starts[ENVSAMP__FIT_STARTS - 1].cost) {
+            for (k = ENVSAMP__FIT_STARTS - 1; k > 0 && starts[k - 1].cost > last; k--)
+                starts[k] = starts[k - 1];
+            starts[k].cost = last;
+            starts[k].param[0] = param[0];
+            starts[k].param[1] = beta;
+        }
+        before = last;
+        last = cost;
+    }
+}
+
+/* The global minimum: the objective has several local ones in alpha, and a wrong one costs up to
+   50 in excess variance. Scan, polish the best few, keep the best. */
+static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
+{
+    const double betas[] = { 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0 };
+    envsamp__fit_point starts[ENVSAMP__FIT_STARTS], best;
+    double step = fit->model == ENVSAMP_KD_LOG ? 0.25 : 1.0;
+    int i, round;
+
+    for (i = 0; i < ENVSAMP__FIT_STARTS; i++)
+        starts[i].cost = DBL_MAX;
+    if (fit->model == ENVSAMP_KD_LOG)
+        envsamp__fit_scan(fit, 1.0, step, starts);
+    else
+        for (i = 0; i < (int)(sizeof betas / sizeof betas[0]); i++)
+            envsamp__fit_scan(fit, betas[i], step, starts);
+    best = starts[0];
+    for (i = 0; i < ENVSAMP__FIT_STARTS && starts[i].cost < DBL_MAX; i++) {
+        envsamp__fit_polish(fit, &starts[i]);
+        for (round = 0; round < (fit->objective == ENVSAMP_KD_L1 ? 2 : 0); round++) {
+            envsamp__fit_line(fit, &starts[i], 0, step);
+            if (fit->model == ENVSAMP_KD_POWER)
+                envsamp__fit_line(fit, &starts[i], 1, 0.25);
+        }
+        envsamp__fit_keep(&best, starts[i].cost, starts[i].param);
+    }
+    return best;
+}
+
+/* Heap sort of indices by falling key, equal keys by rising index. */
+static int envsamp__sorts_before(const double *key, uint32_t a, uint32_t b)
+{
+    return key[a] > key[b] || (key[a] == key[b] && a < b);
+}
+
+static void envsamp__sort_descending(const double *key, uint32_t *order, int count)
+{
+    int start = count / 2, end = count;
+
+    while (end > 1) {
+        uint32_t item;
+        int hole, child;
+
+        if (start > 0) {
+            hole = --start;
+            item = order[hole];
+        } else {
+            item = order[--end];
+            order[end] = order[0];
+            hole = 0;
+        }
+        for (child = 2 * hole + 1; child < end; child = 2 * hole + 1) {
+            if (child + 1 < end && envsamp__sorts_before(key, order[child], order[child + 1]))
+                child++;
+            if (!envsamp__sorts_before(key, item, order[child]))
+                break;
+            order[hole] = order[child];
+            hole = child;
+        }
+        order[hole] = item;
+    }
+}
+
+/* Rounds weights to whole draws out of 2^24: at least 1 for a weight above zero. Those below 1
+   are lifted, what that costs is taken from the rest in proportion, and the rest is rounded by
+   its running sum, so that the total is exact. */
+static void envsamp__round_draws(const double *weight, int count, uint32_t *draws)
+{
+    const uint32_t all = 1u << 24;
+    uint32_t lifted = 0, given = 0, was_lifted;
+    double rest = 0.0, scale, running = 0.0, total = 0.0;
+    int i;
+
+    for (i = 0; i < count; i++) {
+        total += weight[i];
+        draws[i] = 0;
+    }
+    rest = total;
+    do {                            /* lifting some may push the next below 1; few rounds do */
+        was_lifted = lifted;
+        scale = (double)(all - lifted) / rest;
+        rest = 0.0;
+        for (i = 0; i < count; i++)
+            if (weight[i] > 0.0 && !draws[i]) {
+                if (weight[i] * scale < 1.0) {
+                    draws[i] = 1;
+                    lifted++;
+                } else {
+                    rest += weight[i];
+                }
+            }
+    } while (lifted != was_lifted);
+    for (i = 0; i < count; i++)
+        if (weight[i] > 0.0 && !draws[i]) {
+            uint32_t upto;
+
+            running += weight[i];
+            upto = (uint32_t)(running / rest * (double)(all - lifted) + 0.5);
+            draws[i] = upto - given;
+            given = upto;
+        }
+}
+
+/* The alias method [2] on whole numbers, so nothing rounds and no weight turns negative. Bin i of
+   2^bits holds 2^(24-bits) draws: the first of them block i's, the rest its alias's. An entry is
+   alias << (25-bits) | draws of the bin's own block, in 25 bits. Uses up `draws`. */
+static void envsamp__alias_build(uint32_t *draws, int count, int bits, uint32_t *entries,
+                                 uint32_t *stack)
+{
+    uint32_t bins = 1u << bits, room = 1u << (24 - bits), small = 0, large = bins, i;
+
+    for (i = 0; i < bins; i++) {
+        uint32_t own = i < (uint32_t)count ? draws[i] : 0;
+
+        if (own < room)
+            stack[small++] = i;
+        else
+            stack[--large] = i;
+    }
+    while (small > 0) {
+        uint32_t bin = stack[--small], donor = stack[large];
+        uint32_t own = bin < (uint32_t)count ? draws[bin] : 0;
+
+        entries[bin] = donor << (25 - bits) | own;
+        draws[donor] -= room - own;
+        if (draws[donor] < room) {
+            stack[small++] = donor;
+            large++;
+        }
+    }
+    for (; large < bins; large++)
+        entries[stack[large]] = stack[large] << (25 - bits) | room;
+}
+
+/* ============================================================================================
+ * KD TABLE                                                              [search: @kd-table]
+ *
+ * One block of memory without pointers: this header, then arrays at the byte offsets that it
+ * holds, in this order.
+ *
+ *     rows     height + 1 x { float 1 - cos theta, 1 + cos theta }, at the row edges
+ *     bounds   block_count x { uint16 x0, y0, x1, y1 }, in texels: 48 KB for 6144 blocks
+ *     pdf      block_count x float, per steradian
+ *     alias    ALIAS: 2^alias_bits x uint32, see envsamp__alias_build
+ *     nodes    block_count - 1 x envsamp__node
+ *     grid     2^(grid_bits_x + grid_bits_y) x uint32: the deepest link whose region holds the
+ *              cell, rows of azimuth first
+ *
+ * rows keeps 1 - cos theta and 1 + cos theta because each is exact at one pole, where cos theta
+ * itself has no digits left: sin theta is the root of their product, cos theta half their
+ * difference, and both interpolate linearly, which is uniform in solid angle.
+ *
+ * nodes and grid live in coordinates that need no arc tangent and no unit length, yet grow with
+ * the angles: azimuth in [0, 4] is y/(|x|+|y|) unrolled round the four quadrants, polar in [0, 2]
+ * is r/(r+|z|), r = |(x, y)|, unrolled over the equator.
+ * ========================================================================================== */
+
+#define ENVSAMP__KD_MAGIC 0x444b5345u   /* "ESKD" in memory */
+#define ENVSAMP__KD_VERSION 1u
+
+typedef struct envsamp__row { float north, south; } envsamp__row;
+typedef struct envsamp__bounds { uint16_t x0, y0, x1, y1; } envsamp__bounds;
+
+/* Cuts azimuth at `cut`, or polar at -cut if that is negative. A child is a node's index, or
+   ENVSAMP__LEAF and a block's. */
+typedef struct envsamp__node { float cut; uint32_t child[2]; } envsamp__node;
+
+struct envsamp_kd {
+    uint32_t magic, version, bytes, checksum;   /* checksum: of all that follows it */
+    uint32_t select, model, criterion, mapping;
+    uint32_t width, height, block_count, alias_bits;
+    uint32_t drawn_count;                       /* FIT: blocks above zero, which come first */
+    uint32_t grid_bits_x, grid_bits_y, unused;
+    uint32_t rows_at, bounds_at, pdf_at, alias_at, nodes_at, grid_at;
+    double integral, excess_variance, max_ratio, alpha, beta, l1;
+    double fit_total;                           /* FIT: G(n) */
+    uint64_t bad_pixel_count;
+};
+
+static inline const envsamp__row *envsamp__kd_rows(const envsamp_kd *kd)
+{
+    return (const envsamp__row *)(const void *)((const char *)kd + kd->rows_at);
+}
+static inline const envsamp__bounds *envsamp__kd_bounds(const envsamp_kd *kd)
+{
+    return (const envsamp__bounds *)(const void *)((const char *)kd + kd->bounds_at);
+}
+static inline const float *envsamp__kd_pdfs(const envsamp_kd *kd)
+{
+    return (const float *)(const void *)((const char *)kd + kd->pdf_at);
+}
+static inline const uint32_t *envsamp__kd_alias(const envsamp_kd *kd)
+{
+    return (const uint32_t *)(const void *)((const char *)kd + kd->alias_at);
+}
+static inline const envsamp__node *envsamp__kd_nodes(const envsamp_kd *kd)
+{
+    return (const envsamp__node *)(const void *)((const char *)kd + kd->nodes_at);
+}
+static inline const uint32_t *envsamp__kd_grid(const envsamp_kd *kd)
+{
+    return (const uint32_t *)(const void *)((const char *)kd + kd->grid_at);
+}
+
+/* Bits of a power of two that is at least count. */
+static uint32_t envsamp__bits(uint32_t count)
+{
+    uint32_t bits = 0;
+
+    while ((1u << bits) < count)
+        bits++;
+    return bits;
+}
+
+/* Puts the arrays in their places, from select, height and block_count. */
+static void envsamp__kd_layout(envsamp_kd *kd)
+{
+    uint32_t bits = envsamp__bits(kd->block_count), at = (uint32_t)sizeof *kd;
+
+    kd->alias_bits = kd->select == ENVSAMP_KD_ALIAS ? bits : 0;
+    kd->grid_bits_x = (bits + 1) / 2;
+    kd->grid_bits_y = bits / 2;
+    kd->rows_at = at;
+    at += (kd->height + 1) * (uint32_t)sizeof(envsamp__row);
+    kd->bounds_at = at;
+    at += kd->block_count * (uint32_t)sizeof(envsamp__bounds);
+    kd->pdf_at = at;
+    at += kd->block_count * (uint32_t)sizeof(float);
+    kd->alias_at = at;
+    if (kd->select == ENVSAMP_KD_ALIAS)
+        at += (1u << kd->alias_bits) * (uint32_t)sizeof(uint32_t);
+    kd->nodes_at = at;
+    at += (kd->block_count - 1) * (uint32_t)sizeof(envsamp__node);
+    kd->grid_at = at;
+    at += (1u << (kd->grid_bits_x + kd->grid_bits_y)) * (uint32_t)sizeof(uint32_t);
+    kd->bytes = at;
+}
+
+static uint32_t envsamp__checksum(const envsamp_kd *kd)
+{
+    const unsigned char *byte = (const unsigned char *)kd;
+    uint32_t sum = 2166136261u, at, word;
+
+    for (at = (uint32_t)offsetof(envsamp_kd, checksum) + 4; at < kd->bytes; at += 4) {
+        memcpy(&word, byte + at, 4);
+        sum = (sum ^ word) * 16777619u;
+        sum ^= sum >> 15;
+    }
+    return sum;
+}
+
+/* ---- building ---- */
+
+/* Azimuth, 0..4, of a column edge, and polar, 0..2, of a row edge: see above. */
+static float envsamp__column_azimuth(int column, int width)
+{
+    double sine, cosine, q;
+
+    envsamp__sincos_pi(2.0 * (double)column / (double)width, &sine, &cosine);
+    q = sine / (ENVSAMP_FABS(sine) + ENVSAMP_FABS(cosine));
+    return (float)(2 * (int64_t)column > width
+                   ? (4 * (int64_t)column < 3 * (int64_t)width ? 2.0 - q : 4.0 + q)
+                   : (4 * (int64_t)column < width ? q : 2.0 - q));
+}
+
+static float envsamp__row_polar(int row, int height)
+{
+    double sine, cosine, q;
+
+    envsamp__sincos_pi((double)row / (double)height, &sine, &cosine);
+    q = sine / (sine + ENVSAMP_FABS(cosine));
+    return (float)(2 * row > height ? 2.0 - q : q);
+}
+
+static void envsamp__write_rows(const envsamp_kd *kd, envsamp__row *rows)
+{
+    double step = 0.5 / (double)kd->height, sine, cosine;
+    uint32_t y;
+
+    for (y = 0; y <= kd->height; y++) {
+        envsamp__sincos_pi(step * (double)y, &sine, &cosine);
+        rows[y].north = (float)(2.0 * sine * sine);
+        rows[y].south = (float)(2.0 * cosine * cosine);
+    }
+}
+
+/* A child of a cut as the table knows it: blocks by their place in it. */
+static uint32_t envsamp__table_link(uint32_t link, const uint32_t *place)
+{
+    return link & ENVSAMP__LEAF ? ENVSAMP__LEAF | place[link & ~ENVSAMP__LEAF] : link;
+}
+
+static void envsamp__write_nodes(const envsamp_kd *kd, const envsamp__cut *cuts,
+                                 const uint32_t *place, envsamp__node *nodes)
+{
+    uint32_t i;
+
+    for (i = 0; i + 1 < kd->block_count; i++) {
+        nodes[i].cut = cuts[i].axis ? -envsamp__row_polar(cuts[i].at, (int)kd->height)
+                                    : envsamp__column_azimuth(cuts[i].at, (int)kd->width);
+        nodes[i].child[0] = envsamp__table_link(cuts[i].child[0], place);
+        nodes[i].child[1] = envsamp__table_link(cuts[i].child[1], place);
+    }
+}
+
+/* Cells have exact edges, so a link found for a cell is right for every point that falls in it. */
+static void envsamp__write_grid(const envsamp_kd *kd, uint32_t *grid)
+{
+    const envsamp__node *nodes = envsamp__kd_nodes(kd);
+    float width = 4.0f / (float)(1u << kd->grid_bits_x);
+    float height = 2.0f / (float)(1u << kd->grid_bits_y);
+    uint32_t x, y;
+
+    for (y = 0; y < 1u << kd->grid_bits_y; y++)
+        for (x = 0; x < 1u << kd->grid_bits_x; x++) {
+            uint32_t link = kd->block_count == 1 ? ENVSAMP__LEAF : 0;
+
+            while (!(link & ENVSAMP__LEAF)) {
+                float cut = nodes[link].cut;
+                float low = cut < 0.0f ? height * (float)y : width * (float)x;
+                float high = cut < 0.0f ? low + height : low + width;
+
+                cut = cut < 0.0f ? -cut : cut;
+                if (cut > low && cut < high)
+                    break;
+                link = nodes[link].child[cut <= low];
+            }
+            grid[(y << kd->grid_bits_x) + x] = link;
+        }
+}
+
+/* ---- sampling ---- */
+
+/* A point of a block, fx and fy in [0, 1): uniform in solid angle. */
+static inline envsamp_sample envsamp__block_point(const envsamp_kd *kd, uint32_t block, float fx,
+                                                  float fy)
+{
+    const envsamp__bounds b = envsamp__kd_bounds(kd)[block];
+    const envsamp__row top = envsamp__kd_rows(kd)[b.y0], end = envsamp__kd_rows(kd)[b.y1];
+    float north = top.north + fy * (end.north - top.north);
+    float south = top.south + fy * (end.south - top.south);
+    float sine = ENVSAMP_SQRTF(north * south), cosine_phi, sine_phi;
+    envsamp_sample s;
+
+    s.uv[0] = ((float)b.x0 + fx * (float)(b.x1 - b.x0)) / (float)kd->width;
+    s.uv[0] = s.uv[0] < ENVSAMP__BELOW_ONE ? s.uv[0] : ENVSAMP__BELOW_ONE;
+    envsamp__cos_sin_turn(s.uv[0], &cosine_phi, &sine_phi);
+    s.dir[0] = cosine_phi * sine;
+    s.dir[1] = sine_phi * sine;
+    s.dir[2] = 0.5f * (south - north);
+    s.uv[1] = 2.0f * envsamp__turn(sine, s.dir[2]);
+    s.pdf = envsamp__kd_pdfs(kd)[block];
+    return s;
+}
+
+/* The leading alias_bits of u0 are the bin, the next ones decide for its own block or its alias,
+   and what is left of them, at most 24 - alias_bits, is the position in azimuth. The lower half
+   of u1 continues it. */
+static inline envsamp_sample envsamp__alias_sample(const envsamp_kd *kd, float u0, float u1)
+{
+    uint32_t bits = kd->alias_bits, room = 1u << (24 - bits);
+    uint32_t number = (uint32_t)(u0 * ENVSAMP__UNIT), bin = number >> (24 - bits);
+    uint32_t draw = number & (room - 1), entry = envsamp__kd_alias(kd)[bin];
+    uint32_t own = entry & (2 * room - 1), is_alias = draw >= own;
+    uint32_t block = is_alias ? entry >> (25 - bits) : bin;
+    uint32_t first = is_alias ? own : 0, count = is_alias ? room - own : own;
+    float low = u1 * 4096.0f, fx;
+
+    low -= (float)(int)low;
+    fx = ((float)(draw - first) + low) / (float)count;
+    return envsamp__block_point(kd, block, fx < ENVSAMP__BELOW_ONE ? fx : ENVSAMP__BELOW_ONE, u1);
+}
+
+/* x = P^-1(u0) [1, equation 8], the block is its whole part. The density falls inside a bin, so
+   the position in it is not the fraction f of x, but (P(x) - P(k)) / (P(k+1) - P(k)). */
+static inline envsamp_sample envsamp__fit_sample(const envsamp_kd *kd, float u0, float u1)
+{
+    double gamma = kd->model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(kd->beta);
+    double g = (double)u0 * kd->fit_total, x, step, fx;
+    uint32_t block;
+
+    if (gamma != 0.0)
+        g = envsamp__log2(1.0 + gamma * g) / gamma;
+    x = kd->alpha * (envsamp__exp2(g) - 1.0);
+    x = x > 0.0 ? x : 0.0;
+    block = x < (double)kd->drawn_count ? (uint32_t)x : kd->drawn_count - 1;
+    step = 1.0 / (kd->alpha + (double)block);
+    fx = envsamp__model_g(gamma, (x - (double)block) * step) / envsamp__model_g(gamma, step);
+    fx = fx < (double)ENVSAMP__BELOW_ONE ? fx : (double)ENVSAMP__BELOW_ONE;
+    return envsamp__block_point(kd, block, fx > 0.0 ? (float)fx : 0.0f, u1);
+}
+
+/* The block in a direction; ENVSAMP__LEAF if the direction is none. */
+static inline uint32_t envsamp__kd_locate(const envsamp_kd *kd, float x, float y, float z)
+{
+    const envsamp__node *nodes = envsamp__kd_nodes(kd);
+    float ax = x < 0.0f ? -x : x, ay = y < 0.0f ? -y : y, az = z < 0.0f ? -z : z;
+    float r = ENVSAMP_SQRTF(x * x + y * y), side = ax + ay, sum = r + az, azimuth, polar;
+    uint32_t link, column, row;
+
+    if (!(sum > 0.0f && sum <= FLT_MAX))
+        return ENVSAMP__LEAF;
+    azimuth = side > 0.0f ? y / side : 0.0f;
+    azimuth = x < 0.0f ? 2.0f - azimuth : y < 0.0f ? 4.0f + azimuth : azimuth;
+    polar = r / sum;
+    polar = z < 0.0f ? 2.0f - polar : polar;
+    column = (uint32_t)(azimuth * 0.25f * (float)(1u << kd->grid_bits_x));
+    row = (uint32_t)(polar * 0.5f * (float)(1u << kd->grid_bits_y));
+    column = column >> kd->grid_bits_x ? (1u << kd->grid_bits_x) - 1 : column;
+    row = row >> kd->grid_bits_y ? (1u << kd->grid_bits_y) - 1 : row;
+    link = envsamp__kd_grid(kd)[(row << kd->grid_bits_x) + column];
+    while (!(link & ENVSAMP__LEAF)) {
+        float cut = nodes[link].cut;
+
+        link = nodes[link].child[cut < 0.0f ? polar >= -cut : azimuth >= cut];
+    }
+    return link & ~ENVSAMP__LEAF;
+}
+
+/* ============================================================================================
+ * KD FUNCTIONS                                                          [search: @kd-public]
+ * ========================================================================================== */
+
+/* Hands out pieces of a buffer, or, without one, only counts their bytes. */
+typedef struct envsamp__arena { char *base; uint64_t used; } envsamp__arena;
+
+static void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
+{
+    char *piece = arena->base ? arena->base + arena->used : NULL;
+
+    arena->used += (count * size + ENVSAMP_ALIGN - 1) / ENVSAMP_ALIGN * ENVSAMP_ALIGN;
+    return piece;
+}
+
+/* Everything that a build keeps in scratch. */
+typedef struct envsamp__kd_work {
+    envsamp__map map;
+    envsamp__tree tree;
+    envsamp_kd_desc desc;
+    int block_limit;
+    double *probability;            /* of each block, in the order of the tree */
+    double *target, *weight;        /* FIT, sorted */
+    uint32_t *order, *place;        /* order[place[block]] = block */
+    uint32_t *draws, *stack;        /* ALIAS */
+    envsamp_buffer lm_scratch;
+} envsamp__kd_work;
+
+/* Levels until one has so few cells that a profile holds the whole map. */
+static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image,
+                               envsamp__arena *arena)
+{
+    int width = image->width, height = image->height, k = 0;
+
+    map->width = width;
+    map->height = height;
+    map->luminance = (float *)envsamp__take(arena, (uint64_t)width * (uint64_t)height,
+                                            sizeof(float));
+    map->above_sr = (double *)envsamp__take(arena, (uint64_t)height + 1, sizeof(double));
+    for (;;) {
+        envsamp__level *level = &map->levels[k];
+
+        level->shift = k ? k + 1 : 0;
+        level->width = envsamp__cell_count(0, width, level->shift);
+        level->height = envsamp__cell_count(0, height, level->shift);
+        level->row_sr = (double *)envsamp__take(arena, (uint64_t)level->height, sizeof(double));
+        level->cells = k ? (envsamp__cell *)envsamp__take(arena, (uint64_t)level->width
+                                       * (uint64_t)level->height, sizeof(envsamp__cell)) : NULL;
+        k++;
+        if (k > 1 && (int64_t)level->width * level->height <= ENVSAMP__PROFILE)
+            break;
+    }
+    map->level_count = k;
+}
+
+static void envsamp__kd_carve(envsamp__kd_work *work, const envsamp_image *image,
+                              const envsamp_kd_desc *desc, envsamp__arena *arena)
+{
+    uint64_t texels = (uint64_t)image->width * (uint64_t)image->height;
+    uint64_t count = texels < (uint64_t)desc->block_count ? texels : (uint64_t)desc->block_count;
+    envsamp__tree *tree = &work->tree;
+
+    work->desc = *desc;
+    work->block_limit = (int)count;
+    envsamp__map_carve(&work->map, image, arena);
+    tree->map = &work->map;
+    tree->criterion = desc->criterion;
+    tree->blocks = (envsamp__block *)envsamp__take(arena, count, sizeof(envsamp__block));
+    tree->cuts = (envsamp__cut *)envsamp__take(arena, count, sizeof(envsamp__cut));
+    tree->heap = (envsamp__heap_entry *)envsamp__take(arena, count, sizeof(envsamp__heap_entry));
+    tree->columns = (envsamp__profile *)envsamp__take(arena, 1, sizeof(envsamp__profile));
+    tree->rows = (envsamp__profile *)envsamp__take(arena, 1, sizeof(envsamp__profile));
+    work->probability = (double *)envsamp__take(arena, count, sizeof(double));
+    work->order = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
+    work->place = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
+    if (desc->select == ENVSAMP_KD_ALIAS) {
+        work->draws = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
+        work->stack = (uint32_t *)envsamp__take(arena, 1u << envsamp__bits((uint32_t)count),
+                                                sizeof(uint32_t));
+    } else {
+        envsamp_lm_desc lm = { 2, 0, 0, 0.0, 0.0, 0.0 };
+
+        lm.residual_count = envsamp__max_int((int)count, 2);
+        work->target = (double *)envsamp__take(arena, count, sizeof(double));
+        work->weight = (double *)envsamp__take(arena, count + 1, sizeof(double));
+        work->lm_scratch.bytes = envsamp_lm_scratch_bytes(&lm);
+        work->lm_scratch.data = envsamp__take(arena, work->lm_scratch.bytes, 1);
+    }
+}
+
+static envsamp_result envsamp__kd_check(const envsamp_image *image, const envsamp_kd_desc *desc)
+{
+    envsamp_result result = envsamp__image_check(image);
+
+    if (result != ENVSAMP_OK)
+        return result;
+    if (image->mapping != ENVSAMP_LATLONG
+        || desc->block_count < 1 || desc->block_count > 1048576
+        || (desc->select != ENVSAMP_KD_ALIAS && desc->select != ENVSAMP_KD_FIT)
+        || (int)desc->criterion < 0 || desc->criterion > ENVSAMP_KD_EXCESS
+        || (int)desc->model < 0 || desc->model > ENVSAMP_KD_POWER
+        || (int)desc->objective < 0 || desc->objective > ENVSAMP_KD_CHI2
+        || !(desc->mis_compensation == 0.0f) || desc->bilinear != 0)
+        return ENVSAMP_ERR_PARAM;
+    return ENVSAMP_OK;
+}
+
+/* Weight of a block that is lit, however little: zero would leave its light unsampled. */
+static double envsamp__lit_weight(const envsamp__block *block, double weight)
+{
+    return block->whole.max > 0.0f && weight < DBL_MIN ? DBL_MIN : weight;
+}
+
+static double envsamp__sr_of(const envsamp__map *map, const envsamp__block *b)
+{
+    return envsamp__block_sr(map, b->x0, b->y0, b->x1, b->y1);
+}
+
+static void envsamp__choose_alias(envsamp__kd_work *work, envsamp_kd *kd)
+{
+    const envsamp__tree *tree = &work->tree;
+    int i;
+
+    for (i = 0; i < tree->block_count; i++) {
+        const envsamp__block *b = &tree->blocks[i];
+
+        work->order[i] = work->place[i] = (uint32_t)i;
+        work->probability[i] = envsamp__lit_weight(
+            b, envsamp__q(envsamp__sr_of(&work->map, b), b->whole.square));
+    }
+    envsamp__round_draws(work->probability, tree->block_count, work->draws);
+    for (i = 0; i < tree->block_count; i++)
+        work->probability[i] = (double)work->draws[i] / (double)ENVSAMP__UNIT;
+    kd->drawn_count = (uint32_t)tree->block_count;
+}
+
+static void envsamp__choose_fit(envsamp__kd_work *work, envsamp_kd *kd)
+{
+    const envsamp__tree *tree = &work->tree;
+    envsamp__fit fit;
+    envsamp__fit_point best;
+    double *key = work->probability, total = 0.0, gamma, low = 0.0, error;
+    int chi2 = work->desc.objective == ENVSAMP_KD_CHI2, i;
+
+    fit.model = work->desc.model;
+    fit.objective = work->desc.objective;
+    fit.count = 0;
+    fit.target = work->target;
+    fit.weight = work->weight;
+    fit.lm_scratch = work->lm_scratch;
+    for (i = 0; i < tree->block_count; i++) {
+        const envsamp__block *b = &tree->blocks[i];
+
+        key[i] = envsamp__lit_weight(b, chi2 ? envsamp__q(envsamp__sr_of(&work->map, b),
+                                                          b->whole.square) : b->whole.sum);
+        work->order[i] = (uint32_t)i;
+        total += key[i];
+        fit.count += key[i] > 0.0;
+    }
+    envsamp__sort_descending(key, work->order, tree->block_count);
+    for (i = 0; i < tree->block_count; i++) {
+        work->place[work->order[i]] = (uint32_t)i;
+        work->target[i] = key[work->order[i]] / total;
+    }
+    best = envsamp__fit_solve(&fit);
+    gamma = fit.model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(best.param[1]);
+    kd->alpha = envsamp__exp2(best.param[0]);
+    kd->beta = fit.model == ENVSAMP_KD_LOG ? 1.0 : best.param[1];
+    kd->drawn_count = (uint32_t)fit.count;
+    kd->fit_total = envsamp__model_g(gamma, (double)fit.count / kd->alpha);
+    kd->l1 = 0.0;
+    for (i = 0; i < tree->block_count; i++) {
+        double high = i < fit.count ? envsamp__model_g(gamma, (double)(i + 1) / kd->alpha) : low;
+
+        key[work->order[i]] = (high - low) / kd->fit_total;
+        error = tree->blocks[work->order[i]].whole.sum / kd->integral - key[work->order[i]];
+        kd->l1 += error < 0.0 ? -error : error;
+        low = high;
+    }
+}
+
+/* Bounds and densities in the order of the table, and what the blocks cost together. */
+static void envsamp__write_blocks(const envsamp__kd_work *work, envsamp_kd *kd)
+{
+    envsamp__bounds *bounds = (envsamp__bounds *)(void *)((char *)kd + kd->bounds_at);
+    float *pdf = (float *)(void *)((char *)kd + kd->pdf_at);
+    double second = 0.0;
+    uint32_t i;
+
+    for (i = 0; i < kd->block_count; i++) {
+        const envsamp__block *b = &work->tree.blocks[work->order[i]];
+        double probability = work->probability[work->order[i]];
+        double sr = envsamp__sr_of(&work->map, b);
+
+        bounds[i].x0 = (uint16_t)b->x0;
+        bounds[i].y0 = (uint16_t)b->y0;
+        bounds[i].x1 = (uint16_t)b->x1;
+        bounds[i].y1 = (uint16_t)b->y1;
+        pdf[i] = (float)(probability / sr);
+        if (probability > 0.0) {
+            double ratio = (double)b->whole.max * sr / (probability * kd->integral);
+
+            second += sr * b->whole.square / probability;
+            kd->max_ratio = envsamp__max(kd->max_ratio, ratio);
+        }
+    }
+    kd->excess_variance = envsamp__max(second / kd->integral / kd->integral - 1.0, 0.0);
+}
+
+static void envsamp__kd_write(envsamp__kd_work *work, envsamp_kd *kd)
+{
+    char *base = (char *)kd;
+
+    kd->version = ENVSAMP__KD_VERSION;
+    kd->select = work->desc.select;
+    kd->model = work->desc.model;
+    kd->criterion = work->desc.criterion;
+    kd->mapping = ENVSAMP_LATLONG;
+    kd->width = (uint32_t)work->map.width;
+    kd->height = (uint32_t)work->map.height;
+    kd->block_count = (uint32_t)work->tree.block_count;
+    kd->integral = work->map.integral;
+    kd->bad_pixel_count = work->map.bad_pixel_count;
+    envsamp__kd_layout(kd);
+    if (kd->select == ENVSAMP_KD_ALIAS)
+        envsamp__choose_alias(work, kd);
+    else
+        envsamp__choose_fit(work, kd);
+    envsamp__write_rows(kd, (envsamp__row *)(void *)(base + kd->rows_at));
+    envsamp__write_blocks(work, kd);
+    if (kd->select == ENVSAMP_KD_ALIAS)
+        envsamp__alias_build(work->draws, work->tree.block_count, (int)kd->alias_bits,
+                             (uint32_t *)(void *)(base + kd->alias_at), work->stack);
+    envsamp__write_nodes(kd, work->tree.cuts, work->place,
+                         (envsamp__node *)(void *)(base + kd->nodes_at));
+    envsamp__write_grid(kd, (uint32_t *)(void *)(base + kd->grid_at));
+    kd->checksum = envsamp__checksum(kd);
+    kd->magic = ENVSAMP__KD_MAGIC;
+}
+
+ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void)
+{
+    envsamp_kd_desc desc;
+
+    memset(&desc, 0, sizeof desc);
+    desc.block_count = 6144;
+    desc.select = ENVSAMP_KD_ALIAS;
+    desc.criterion = ENVSAMP_KD_EXCESS;
+    return desc;
+}
+
+ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
+                                            const envsamp_kd_desc *desc, envsamp_sizes *sizes)
+{
+    envsamp_kd_desc defaults = envsamp_kd_defaults();
+    envsamp__arena arena = { NULL, 0 };
+    envsamp__kd_work work;
+    envsamp_result result;
+    envsamp_kd layout;
+
+    if (!sizes)
+        return ENVSAMP_ERR_NULL;
+    sizes->table_bytes = sizes->scratch_bytes = 0;
+    if (!image)
+        return ENVSAMP_ERR_NULL;
+    desc = desc ? desc : &defaults;
+    result = envsamp__kd_check(image, desc);
+    if (result != ENVSAMP_OK)
+        return result;
+    envsamp__kd_carve(&work, image, desc, &arena);
+    if (arena.used > SIZE_MAX)
+        return ENVSAMP_ERR_SIZE;
+    memset(&layout, 0, sizeof layout);
+    layout.select = desc->select;
+    layout.height = (uint32_t)image->height;
+    layout.block_count = (uint32_t)work.block_limit;
+    envsamp__kd_layout(&layout);
+    sizes->table_bytes = layout.bytes;
+    sizes->scratch_bytes = (size_t)arena.used;
+    return ENVSAMP_OK;
+}
+
+static envsamp_result envsamp__buffers_check(const envsamp_sizes *sizes, envsamp_buffer table,
+                                             envsamp_buffer scratch)
+{
+    if (!table.data || !scratch.data)
+        return ENVSAMP_ERR_NULL;
+    if (table.bytes < sizes->table_bytes || scratch.bytes < sizes->scratch_bytes)
+        return ENVSAMP_ERR_MEMORY;
+    if ((uintptr_t)table.data % ENVSAMP_ALIGN || (uintptr_t)scratch.data % ENVSAMP_ALIGN)
+        return ENVSAMP_ERR_ALIGN;
+    return ENVSAMP_OK;
+}
+
+ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
+                                            const envsamp_kd_desc *desc, envsamp_buffer table,
+                                            envsamp_buffer scratch, const envsamp_kd **kd)
+{
+    envsamp_kd_desc defaults = envsamp_kd_defaults();
+    envsamp__arena arena = { NULL, 0 };
+    envsamp__kd_work work;
+    envsamp_kd *header = (envsamp_kd *)table.data;
+    envsamp_sizes sizes;
+    envsamp_result result;
+
+    if (!kd)
+        return ENVSAMP_ERR_NULL;
+    *kd = NULL;
+    desc = desc ? desc : &defaults;
+    result = envsamp_kd_sizes(image, desc, &sizes);
+    if (result == ENVSAMP_OK && !image->pixels)
+        result = ENVSAMP_ERR_NULL;
+    if (result == ENVSAMP_OK)
+        result = envsamp__buffers_check(&sizes, table, scratch);
+    if (result != ENVSAMP_OK)
+        return result;
+    memset(header, 0, sizeof *header);
+    arena.base = (char *)scratch.data;
+    envsamp__kd_carve(&work, image, desc, &arena);
+    result = envsamp__map_fill(&work.map, image, desc->strict);
+    if (result != ENVSAMP_OK)
+        return result;
+    envsamp__tree_grow(&work.tree, work.block_limit);
+    envsamp__kd_write(&work, header);
+    *kd = header;
+    return ENVSAMP_OK;
+}
+
+/* Whether a header describes a table of `bytes` with its arrays where they belong. */
+static int envsamp__kd_header_valid(const envsamp_kd *kd, size_t bytes)
+{
+    envsamp_kd layout;
+
+    if (bytes < sizeof *kd || kd->magic != ENVSAMP__KD_MAGIC
+        || kd->version != ENVSAMP__KD_VERSION || kd->bytes > bytes
+        || (kd->select != ENVSAMP_KD_ALIAS && kd->select != ENVSAMP_KD_FIT)
+        || kd->model > ENVSAMP_KD_POWER || kd->criterion > ENVSAMP_KD_EXCESS
+        || kd->mapping != ENVSAMP_LATLONG || kd->width < 1 || kd->width > 65535
+        || kd->height < 1 || kd->height > 65535
+        || kd->block_count < 1 || kd->block_count > 1048576
+        || kd->drawn_count < 1 || kd->drawn_count > kd->block_count)
+        return 0;
+    memcpy(&layout, kd, sizeof layout);
+    envsamp__kd_layout(&layout);
+    return !memcmp(&layout, kd, sizeof layout);
+}
+
+static int envsamp__finite(double value)
+{
+    return value >= -DBL_MAX && value <= DBL_MAX;
+}
+
+static int envsamp__kd_fit_valid(const envsamp_kd *kd)
+{
+    return kd->alpha > 1e-9 && kd->alpha < 1e12 && envsamp__finite(kd->beta) && kd->beta > -8.0
+        && kd->beta < 16.0 && kd->fit_total > 0.0 && envsamp__finite(kd->fit_total);
+}
+
+/* Rows that give finite directions, blocks inside the map, finite densities. */
+static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
+{
+    const envsamp__row *rows = envsamp__kd_rows(kd);
+    const envsamp__bounds *bounds = envsamp__kd_bounds(kd);
+    const float *pdf = envsamp__kd_pdfs(kd);
+    uint32_t i;
+
+    for (i = 0; i <= kd->height; i++)
+        if (!(rows[i].north >= 0.0f && rows[i].north <= 2.0f && rows[i].south >= 0.0f
+              && rows[i].south <= 2.0f))
+            return 0;
+    for (i = 0; i < kd->block_count; i++)
+        if (bounds[i].x0 >= bounds[i].x1 || bounds[i].y0 >= bounds[i].y1
+            || bounds[i].x1 > kd->width || bounds[i].y1 > kd->height
+            || !(pdf[i] >= 0.0f && pdf[i] <= FLT_MAX))
+            return 0;
+    return 1;
+}
+
+static int envsamp__kd_alias_valid(const envsamp_kd *kd)
+{
+    uint32_t bits = kd->alias_bits, room = 1u << (24 - bits), i;
+    const uint32_t *alias = envsamp__kd_alias(kd);
+
+    for (i = 0; kd->select == ENVSAMP_KD_ALIAS && i < 1u << bits; i++) {
+        uint32_t own = alias[i] & (2 * room - 1), other = alias[i] >> (25 - bits);
+
+        if (own > room || other >= kd->block_count || (own > 0 && i >= kd->block_count))
+            return 0;
+    }
+    return 1;
+}
+
+/* Children come after their parents, so every descent ends; leaves are blocks. */
+static int envsamp__kd_links_valid(const envsamp_kd *kd)
+{
+    const envsamp__node *nodes = envsamp__kd_nodes(kd);
+    const uint32_t *grid = envsamp__kd_grid(kd);
+    uint32_t cells = 1u << (kd->grid_bits_x + kd->grid_bits_y), i, side;
+
+    for (i = 0; i + 1 < kd->block_count; i++)
+        for (side = 0; side < 2; side++) {
+            uint32_t link = nodes[i].child[side];
+
+            if (link & ENVSAMP__LEAF ? (link & ~ENVSAMP__LEAF) >= kd->block_count
+                                     : link <= i || link + 1 >= kd->block_count)
+                return 0;
+        }
+    for (i = 0; i < cells; i++)
+        if (grid[i] & ENVSAMP__LEAF ? (grid[i] & ~ENVSAMP__LEAF) >= kd->block_count
+                                    : grid[i] + 1 >= kd->block_count)
+            return 0;
+    return 1;
+}
+
+ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, const envsamp_kd **kd)
+{
+    const envsamp_kd *header = (const envsamp_kd *)table;
+
+    if (!kd)
+        return ENVSAMP_ERR_NULL;
+    *kd = NULL;
+    if (!table)
+        return ENVSAMP_ERR_NULL;
+    if ((uintptr_t)table % ENVSAMP_ALIGN)
+        return ENVSAMP_ERR_ALIGN;
+    if (!envsamp__kd_header_valid(header, bytes) || header->checksum != envsamp__checksum(header)
+        || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
+        || !envsamp__kd_blocks_valid(header) || !envsamp__kd_alias_valid(header)
+        || !envsamp__kd_links_valid(header))
+        return ENVSAMP_ERR_FORMAT;
+    *kd = header;
+    return ENVSAMP_OK;
+}
+
+ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd)
+{
+    ENVSAMP_ASSERT(kd);
+    return kd->bytes;
+}
+
+ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0, float u1)
+{
+    ENVSAMP_ASSERT(kd);
+    u0 = envsamp__clamp_unit(u0);
+    u1 = envsamp__clamp_unit(u1);
+    return kd->select == ENVSAMP_KD_ALIAS ? envsamp__alias_sample(kd, u0, u1)
+                                          : envsamp__fit_sample(kd, u0, u1);
+}
+
+ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3])
+{
+    uint32_t block;
+
+    ENVSAMP_ASSERT(kd && dir);
+    block = envsamp__kd_locate(kd, dir[0], dir[1], dir[2]);
+    return block == ENVSAMP__LEAF ? 0.0f : envsamp__kd_pdfs(kd)[block];
+}
+
+ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3], float u[2])
+{
+    ENVSAMP_ASSERT(kd && dir && u);
+    (void)kd;
+    (void)dir;
+    u[0] = u[1] = 0.0f;
+    return 0;
+}
+
+ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
+                                     const float *u1, float *x, float *y, float *z, float *pdf)
+{
+    size_t i;
+
+    for (i = 0; i < n; i++) {
+        envsamp_sample s = envsamp_kd_sample(kd, u0[i], u1[i]);
+
+        x[i] = s.dir[0];
+        y[i] = s.dir[1];
+        z[i] = s.dir[2];
+        pdf[i] = s.pdf;
+    }
+}
+
+ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
+                                  const float *z, float *pdf)
+{
+    size_t i;
+
+    for (i = 0; i < n; i++) {
+        float dir[3];
+
+        dir[0] = x[i];
+        dir[1] = y[i];
+        dir[2] = z[i];
+        pdf[i] = envsamp_kd_pdf(kd, dir);
+    }
+}
+
+ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_info *info)
+{
+    if (!kd || !info)
+        return ENVSAMP_ERR_NULL;
+    info->block_count = (int)kd->block_count;
+    info->integral = kd->integral;
+    info->excess_variance = kd->excess_variance;
+    info->max_ratio = kd->max_ratio;
+    info->alpha = kd->alpha;
+    info->beta = kd->beta;
+    info->l1 = kd->l1;
+    info->bad_pixel_count = (size_t)kd->bad_pixel_count;
+    return ENVSAMP_OK;
+}
+
+ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
+                                                envsamp_kd_block *block)
+{
+    const envsamp__bounds *b;
+    double sr;
+    envsamp__map map;
+
+    if (!kd || !block)
+        return ENVSAMP_ERR_NULL;
+    if (index < 0 || index >= (int)kd->block_count)
+        return ENVSAMP_ERR_PARAM;
+    b = &envsamp__kd_bounds(kd)[index];
+    map.width = (int)kd->width;
+    map.height = (int)kd->height;
+    sr = envsamp__block_sr(&map, b->x0, b->y0, b->x1, b->y1);
+    block->uv_min[0] = (float)b->x0 / (float)kd->width;
+    block->uv_min[1] = (float)b->y0 / (float)kd->height;
+    block->uv_max[0] = (float)b->x1 / (float)kd->width;
+    block->uv_max[1] = (float)b->y1 / (float)kd->height;
+    block->solid_angle = (float)sr;
+    block->probability = (float)((double)envsamp__kd_pdfs(kd)[index] * sr);
+    return ENVSAMP_OK;
+}
+
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* ENVSAMP_IMPLEMENTATION */
