@@ -56,7 +56,7 @@
  *
  * GUARANTEES
  * - No heap, no stdio, no globals, no recursion; one call uses less than 8 KiB of stack. Only
- *   memcpy, memset and, unless overridden, sqrt are linked.
+ *   memcpy, memset, memcmp and, unless overridden, square roots are linked.
  * - All memory is yours: ask _sizes, give two buffers to _build, aligned to ENVSAMP_ALIGN. Scratch
  *   is free again after the build. The table holds no pointers: copy it, map it, store it, send
  *   it to a GPU, and _open it there.
@@ -73,8 +73,10 @@
  *   ENVSAMP_IMPLEMENTATION   in one file: compile the functions
  *   ENVSAMP_STATIC           with it: functions are static, for that file alone
  *   ENVSAMP_ASSERT(x)        default assert(x) from assert.h
- *   ENVSAMP_SQRT(x)          double square root, default sqrt from math.h
- *   ENVSAMP_SQRTF(x)         float square root, default sqrtf from math.h
+ *   ENVSAMP_SQRT(x)          double and float square root, exact to the last bit as IEEE wants it;
+ *   ENVSAMP_SQRTF(x)         default sqrt and sqrtf from math.h, or an instruction that is the same
+ *   ENVSAMP_FABSF(x)         default fabsf and copysignf from math.h, which every compiler makes
+ *   ENVSAMP_COPYSIGNF(x, y)  an instruction or two
  *
  * LIMITS. Of the mappings, lat-long so far. Directions longer than 1e18 or shorter than 1e-18 have
  * pdf 0. Tables are in the byte order of the machine that built them; one from a machine of the
@@ -319,7 +321,8 @@ ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc);
  *   down, so a minimum behind such a wall may end as `converged` at the wall. Where fn is not
  *   finite on both sides of a parameter, that parameter rests until a step elsewhere frees it.
  *   Where J is singular at a root the last steps creep, and may use up max_iterations.
- * Source: [3]; trust region, scaling and stopping tests after More; differs in that the step bound's equation is solved on singular values. */
+ * Source: [3]; trust region, scaling and stopping tests after More. Differs in that the equation
+ *   of the step bound is solved on singular values. */
 ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn fn, void *user,
                                       double *params, envsamp_buffer scratch,
                                       envsamp_lm_info *info);
@@ -345,13 +348,25 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 #include <assert.h>
 #define ENVSAMP_ASSERT(x) assert(x)
 #endif
-#ifndef ENVSAMP_SQRT
+#if defined(__SSE__) && !defined(ENVSAMP_SQRTF)
+#include <xmmintrin.h>          /* sqrtf is a call where errno counts, this never is */
+#define ENVSAMP_SQRTF(x) _mm_cvtss_f32(_mm_sqrt_ss(_mm_set1_ps(x)))
+#endif
+#if !defined(ENVSAMP_SQRT) || !defined(ENVSAMP_SQRTF) || !defined(ENVSAMP_FABSF) \
+    || !defined(ENVSAMP_COPYSIGNF)
 #include <math.h>
+#endif
+#ifndef ENVSAMP_SQRT
 #define ENVSAMP_SQRT(x) sqrt(x)
 #endif
 #ifndef ENVSAMP_SQRTF
-#include <math.h>
 #define ENVSAMP_SQRTF(x) sqrtf(x)
+#endif
+#ifndef ENVSAMP_FABSF
+#define ENVSAMP_FABSF(x) fabsf(x)
+#endif
+#ifndef ENVSAMP_COPYSIGNF
+#define ENVSAMP_COPYSIGNF(x, y) copysignf(x, y)
 #endif
 #define ENVSAMP_FABS(x) ((x) < 0 ? -(x) : (x))
 
@@ -382,11 +397,20 @@ static inline uint32_t envsamp__float_bits(float value)
     return bits;
 }
 
-/* Any float to [0, 1): NaN, infinities and what lies outside go to an end. */
+static inline float envsamp__bits_float(uint32_t bits)
+{
+    float value;
+
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* Any float to [0, 1), without a branch: NaN, infinities and 1 and above to the end, a negative
+   number by its size. */
 static inline float envsamp__clamp_unit(float u)
 {
-    u = u < ENVSAMP__BELOW_ONE ? u : ENVSAMP__BELOW_ONE;
-    return u > 0.0f ? u : 0.0f;
+    u = ENVSAMP_FABSF(u);
+    return u < ENVSAMP__BELOW_ONE ? u : ENVSAMP__BELOW_ONE;
 }
 
 /* Sine and cosine of pi x, 0 <= x <= 2, to 2e-16: Taylor series about the nearest half. */
@@ -414,10 +438,10 @@ static void envsamp__sincos_pi(double x, double *sine, double *cosine)
 static inline void envsamp__cos_sin_turn(float u, float *cosine, float *sine)
 {
     float h = u - 0.5f, t = h * h;
-    float s = h * (3.14159258f + t * (-5.16770690f + t * (2.55003164f + t * (-0.598046450f
-            + t * 0.0772222480f))));
-    float c = 1.0f + t * (-4.93480214f + t * (4.05870916f + t * (-1.33521206f
-            + t * (0.234937559f + t * -0.0243966717f))));
+    float t2 = t * t, s = h * (3.14159258f - t * 5.16770690f + t2 * (2.55003164f - t * 0.598046450f
+                             + t2 * 0.0772222480f));
+    float c = (1.0f - 4.0f * t) * (0.999999945f - t * 0.934791803f + t2 * (0.319215031f
+            - t * 0.0548052368f));      /* the zero at u = 0 and u = 1 is exact */
 
     *cosine = 2.0f * s * s - 1.0f;
     *sine = -2.0f * s * c;
@@ -436,6 +460,31 @@ static inline float envsamp__turn(float y, float x)
     turn = ay > ax ? 0.25f - turn : turn;
     turn = x < 0.0f ? 0.5f - turn : turn;
     return y < 0.0f ? 1.0f - turn : turn;
+}
+
+/* Polar angle over pi, [0, 1], within 1e-7, and its sine, from 1 - cos and 1 + cos of it. The arc
+   cosine over the square root of the smaller one is a polynomial in it. */
+static inline float envsamp__polar_fraction(float north, float south, float *sine)
+{
+    float a = ENVSAMP_SQRTF(north), b = ENVSAMP_SQRTF(south), q = a < b ? a : b, t = q * q;
+    float t2 = t * t, low = 0.450158207f + t * 0.0375087059f + t2 * (0.00850684985f
+                            + t * 0.00214716597f);
+    float v = q * (low + t2 * t2 * (0.00178524512f - t * 0.000837066695f + t2 * 0.000730843713f));
+
+    *sine = a * b;
+    return 0.5f - ENVSAMP_COPYSIGNF(0.5f - v, south - north);
+}
+
+/* 2^x - 1 for 0 <= x < 126, within 1e-7 of 2^x, and of itself below x = 1. */
+static inline float envsamp__exp2m1(double x)
+{
+    int whole = (int)x;
+    float f = (float)(x - (double)whole);
+    float power = envsamp__bits_float((uint32_t)(whole + 127) << 23);
+    float rest = f * (0.693147170f + f * (0.240227226f + f * (0.0554958479f + f * (0.00965268772f
+               + f * (0.00126865296f + f * 0.000208404800f)))));
+
+    return (power - 1.0f) + power * rest;
 }
 
 /* Base-2 logarithm of a positive normal double, to 1e-15 (1 + |result|): m in [sqrt(1/2),
@@ -1169,6 +1218,7 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
                                    compilers vectorise at -O2 too */
 
 typedef struct envsamp__cell { float mean, rms, max; } envsamp__cell;
+typedef struct envsamp__moments { double sum, square; float max; } envsamp__moments;
 
 typedef struct envsamp__level {
     envsamp__cell *cells;
@@ -1181,7 +1231,7 @@ typedef struct envsamp__map {
     float *luminance;           /* level 0 */
     envsamp__level levels[ENVSAMP__LEVELS];
     int level_count;
-    double *above_sr;           /* solid angle of one texel column above each row edge */
+    double *cap;                /* 1 - cos theta at each row edge */
     double integral;
     size_t bad_pixel_count;
 } envsamp__map;
@@ -1203,85 +1253,118 @@ static size_t envsamp__mend_row(const float *pixel, int channels, int width, flo
     return bad;
 }
 
-/* Luminance of one row; nonzero if a pixel of it may be bad. Tested on the bits, so that
-   -ffast-math cannot drop the test: a set sign, or an exponent of all ones, carries into the
-   top bit. */
-static int envsamp__luminance_row(const float *pixel, int channels, int width, float *luminance)
+/* Luminance of `count` pixels. The top bit of the result is set if one of them may be bad, tested
+   on the bits so that -ffast-math cannot drop the test: a sign, or an exponent of all ones, that
+   an added 1 carries out of. Called with constant channels and count. */
+static inline uint32_t envsamp__luminance_chunk(const float *pixel, int channels, int count,
+                                                float *luminance)
 {
     uint32_t top = 0;
     int x;
 
-    if (channels == 1) {
-        for (x = 0; x < width; x++) {
-            uint32_t bits = envsamp__float_bits(pixel[x]);
+    for (x = 0; x < count; x++)
+        luminance[x] = channels == 1 ? pixel[x] : 0.2126f * pixel[channels * x]
+                     + 0.7152f * pixel[channels * x + 1] + 0.0722f * pixel[channels * x + 2];
+    for (x = 0; x < count; x++)
+        top |= envsamp__float_bits(luminance[x]) + 0x00800000u;
+    for (x = 0; x < (channels == 3 ? 3 * count : 0); x++)
+        top |= envsamp__float_bits(pixel[x]);
+    for (x = 0; x < (channels == 4 ? count : 0); x++)
+        top |= envsamp__float_bits(pixel[4 * x]) | envsamp__float_bits(pixel[4 * x + 1])
+             | envsamp__float_bits(pixel[4 * x + 2]);
+    for (x = 0; x < (channels == 1 ? count : 0); x++)
+        top |= envsamp__float_bits(pixel[x]);
+    return top;
+}
 
-            luminance[x] = pixel[x];
-            top |= bits | (bits + 0x00800000u);
-        }
-        return (int)(top >> 31);
-    }
-    for (x = 0; x < width; x++, pixel += channels) {
-        float sum = 0.2126f * pixel[0] + 0.7152f * pixel[1] + 0.0722f * pixel[2];
+/* Luminance of one row; nonzero if a pixel of it may be bad. */
+static int envsamp__luminance_row(const float *pixel, int channels, int width, float *luminance)
+{
+    uint32_t top = 0;
+    int x = 0;
 
-        luminance[x] = sum;
-        top |= envsamp__float_bits(pixel[0]) | envsamp__float_bits(pixel[1])
-             | envsamp__float_bits(pixel[2]) | (envsamp__float_bits(sum) + 0x00800000u);
-    }
+    for (; channels == 3 && x + ENVSAMP__CHUNK <= width; x += ENVSAMP__CHUNK)
+        top |= envsamp__luminance_chunk(pixel + 3 * x, 3, ENVSAMP__CHUNK, luminance + x);
+    for (; channels == 4 && x + ENVSAMP__CHUNK <= width; x += ENVSAMP__CHUNK)
+        top |= envsamp__luminance_chunk(pixel + 4 * x, 4, ENVSAMP__CHUNK, luminance + x);
+    top |= envsamp__luminance_chunk(pixel + channels * x, channels, width - x, luminance + x);
     return (int)(top >> 31);
 }
 
-/* Columns of one chunk: adds a row of texels, each weighing row_sr. */
-static inline void envsamp__add_row(const float *luminance, double row_sr, int count,
-                                    double *sum, double *square, float *max)
+/* Up to four rows of texels, the rows of one row of cells. */
+typedef struct envsamp__band { const float *row[4]; double row_sr[4]; } envsamp__band;
+
+/* Sums over each of `count` columns of a band. */
+static inline void envsamp__band_columns(const envsamp__band *band, int x0, int count,
+                                         double *sum, double *square, float *max)
 {
+    const float *a = band->row[0] + x0, *b = band->row[1] + x0;
+    const float *c = band->row[2] + x0, *d = band->row[3] + x0;
+    double wa = band->row_sr[0], wb = band->row_sr[1], wc = band->row_sr[2], wd = band->row_sr[3];
     int x;
 
     for (x = 0; x < count; x++) {
-        double value = (double)luminance[x];
+        double va = (double)a[x], vb = (double)b[x], vc = (double)c[x], vd = (double)d[x];
+        double sa = wa * va, sb = wb * vb, sc = wc * vc, sd = wd * vd;
 
-        sum[x] += row_sr * value;
-        square[x] += row_sr * value * value;
+        sum[x] = (sa + sb) + (sc + sd);
+        square[x] = (sa * va + sb * vb) + (sc * vc + sd * vd);
     }
-    for (x = 0; x < count; x++)
-        max[x] = luminance[x] > max[x] ? luminance[x] : max[x];
+    for (x = 0; x < count; x++) {
+        float ab = a[x] > b[x] ? a[x] : b[x], cd = c[x] > d[x] ? c[x] : d[x];
+
+        max[x] = ab > cd ? ab : cd;
+    }
 }
 
-/* One row of level-1 cells from its up to four rows of texels. */
+/* Makes a cell of `count` columns and returns their sum. */
+static inline double envsamp__cell_sum(envsamp__cell *cell, const double *sum,
+                                       const double *square, const float *max, int count,
+                                       double inverse_sr)
+{
+    envsamp__moments m = { sum[0], square[0], max[0] };
+    int i;
+
+    for (i = 1; i < count; i++) {
+        m.sum += sum[i];
+        m.square += square[i];
+        m.max = max[i] > m.max ? max[i] : m.max;
+    }
+    cell->mean = (float)(m.sum * inverse_sr);
+    cell->rms = (float)ENVSAMP_SQRT(m.square * inverse_sr);
+    cell->max = m.max;
+    return m.sum;
+}
+
+/* One row of level-1 cells from its band of texels. */
 static void envsamp__cell_row(envsamp__map *map, int cell_y)
 {
     envsamp__level *level = &map->levels[1];
-    const double *row_sr = map->levels[0].row_sr;
-    int y0 = cell_y * 4, y1 = envsamp__min(y0 + 4, map->height), x0, x, y, i;
+    envsamp__cell *cell = level->cells + (size_t)cell_y * (size_t)level->width;
+    double sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK];
+    double inverse_sr = 0.25 / level->row_sr[cell_y];
+    float max[ENVSAMP__CHUNK];
+    envsamp__band band;
+    int x0, x, i;
 
+    for (i = 0; i < 4; i++) {       /* below the map its last row again, weighing nothing */
+        int y = envsamp__min(cell_y * 4 + i, map->height - 1);
+
+        band.row[i] = map->luminance + (size_t)y * (size_t)map->width;
+        band.row_sr[i] = y == cell_y * 4 + i ? map->levels[0].row_sr[y] : 0.0;
+    }
     for (x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
-        double sum[ENVSAMP__CHUNK] = { 0.0 }, square[ENVSAMP__CHUNK] = { 0.0 };
-        float max[ENVSAMP__CHUNK] = { 0.0f };
         int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
 
-        for (y = y0; y < y1; y++) {
-            const float *row = map->luminance + (size_t)y * (size_t)map->width + x0;
-
-            if (count == ENVSAMP__CHUNK)
-                envsamp__add_row(row, row_sr[y], ENVSAMP__CHUNK, sum, square, max);
-            else
-                envsamp__add_row(row, row_sr[y], count, sum, square, max);
-        }
-        for (x = 0; x < count; x += 4) {
-            envsamp__cell *cell = level->cells + (size_t)cell_y * (size_t)level->width
-                                + (size_t)((x0 + x) / 4);
-            int end = envsamp__min(x + 4, count);
-            double inverse_sr = 1.0 / (level->row_sr[cell_y] * (double)(end - x));
-
-            for (i = x + 1; i < end; i++) {
-                sum[x] += sum[i];
-                square[x] += square[i];
-                max[x] = max[i] > max[x] ? max[i] : max[x];
-            }
-            cell->mean = (float)(sum[x] * inverse_sr);
-            cell->rms = (float)ENVSAMP_SQRT(square[x] * inverse_sr);
-            cell->max = max[x];
-            map->integral += sum[x];
-        }
+        if (count == ENVSAMP__CHUNK)
+            envsamp__band_columns(&band, x0, ENVSAMP__CHUNK, sum, square, max);
+        else
+            envsamp__band_columns(&band, x0, count, sum, square, max);
+        for (x = 0; x + 4 <= count; x += 4)
+            map->integral += envsamp__cell_sum(cell++, sum + x, square + x, max + x, 4, inverse_sr);
+        if (x < count)
+            map->integral += envsamp__cell_sum(cell, sum + x, square + x, max + x, count - x,
+                                               4.0 * inverse_sr / (double)(count - x));
     }
 }
 
@@ -1291,50 +1374,59 @@ static inline int envsamp__columns(const envsamp__map *map, const envsamp__level
     return envsamp__min((x + 1) << level->shift, map->width) - (x << level->shift);
 }
 
-/* One cell from the up to four below it. */
+/* One cell from the four below it; at the right and lower edge a part may be narrower, or not be
+   there, and then weighs nothing. */
 static envsamp__cell envsamp__merge_cells(const envsamp__map *map, const envsamp__level *below,
                                           int x, int y)
 {
-    double sum = 0.0, square = 0.0, sr = 0.0;
-    envsamp__cell cell = { 0.0f, 0.0f, 0.0f };
-    int i, j;
+    int has_right = 2 * x + 1 < below->width, has_lower = 2 * y + 1 < below->height;
+    const envsamp__cell *a = below->cells + (size_t)(2 * y) * (size_t)below->width + 2 * x;
+    const envsamp__cell *b = a + has_right, *c = a + (has_lower ? below->width : 0);
+    const envsamp__cell *d = c + has_right;
+    double left = (double)envsamp__columns(map, below, 2 * x);
+    double right = has_right ? (double)envsamp__columns(map, below, 2 * x + 1) : 0.0;
+    double upper = below->row_sr[2 * y], lower = has_lower ? below->row_sr[2 * y + 1] : 0.0;
+    double inverse = 1.0 / ((left + right) * (upper + lower));
+    double am = (double)a->mean, bm = (double)b->mean, cm = (double)c->mean, dm = (double)d->mean;
+    double ar = (double)a->rms, br = (double)b->rms, cr = (double)c->rms, dr = (double)d->rms;
+    float ab = a->max > b->max ? a->max : b->max, cd = c->max > d->max ? c->max : d->max;
+    envsamp__cell cell;
 
-    for (j = 2 * y; j < envsamp__min(2 * y + 2, below->height); j++)
-        for (i = 2 * x; i < envsamp__min(2 * x + 2, below->width); i++) {
-            const envsamp__cell *part = below->cells + (size_t)j * (size_t)below->width + i;
-            double part_sr = below->row_sr[j] * (double)envsamp__columns(map, below, i);
-
-            sum += part_sr * (double)part->mean;
-            square += part_sr * (double)part->rms * (double)part->rms;
-            sr += part_sr;
-            cell.max = part->max > cell.max ? part->max : cell.max;
-        }
-    cell.mean = (float)(sum / sr);
-    cell.rms = (float)ENVSAMP_SQRT(square / sr);
+    cell.mean = (float)((upper * (left * am + right * bm) + lower * (left * cm + right * dm))
+                        * inverse);
+    cell.rms = (float)ENVSAMP_SQRT((upper * (left * ar * ar + right * br * br)
+                                    + lower * (left * cr * cr + right * dr * dr)) * inverse);
+    cell.max = ab > cd ? ab : cd;
     return cell;
 }
 
-/* Solid angles of the rows of every level, from row edges at polar angles pi y / height.
-   cos a - cos b = 2 sin((a+b)/2) sin((b-a)/2): the difference itself cancels at the poles. */
+/* Solid angle of one texel column between two row edges: a difference of the caps about the
+   nearer pole, because about the other one it would cancel. */
+static inline double envsamp__column_sr(const envsamp__map *map, int y0, int y1)
+{
+    double between = y0 + y1 <= map->height
+                   ? map->cap[y1] - map->cap[y0]
+                   : map->cap[map->height - y0] - map->cap[map->height - y1];
+
+    return 2.0 * ENVSAMP__PI / (double)map->width * between;
+}
+
+/* Caps, from 1 - cos theta = 2 sin^2 (theta / 2), and solid angles of the rows of every level. */
 static void envsamp__row_angles(envsamp__map *map)
 {
-    double step = 0.5 / (double)map->height, sine, cosine, half_sine;
+    double sine, cosine;
     int k, y;
 
-    envsamp__sincos_pi(step, &half_sine, &cosine);
-    map->above_sr[0] = 0.0;
-    for (y = 0; y < map->height; y++) {
-        envsamp__sincos_pi(step * (double)(2 * y + 1), &sine, &cosine);
-        map->levels[0].row_sr[y] = 4.0 * ENVSAMP__PI / (double)map->width * sine * half_sine;
-        map->above_sr[y + 1] = map->above_sr[y] + map->levels[0].row_sr[y];
+    for (y = 0; y <= map->height; y++) {
+        envsamp__sincos_pi(0.5 * (double)y / (double)map->height, &sine, &cosine);
+        map->cap[y] = 2.0 * sine * sine;
     }
-    for (k = 1; k < map->level_count; k++)
+    for (k = 0; k < map->level_count; k++)
         for (y = 0; y < map->levels[k].height; y++) {
             int shift = map->levels[k].shift;
 
-            map->levels[k].row_sr[y] =
-                map->above_sr[envsamp__min((y + 1) << shift, map->height)]
-                - map->above_sr[y << shift];
+            map->levels[k].row_sr[y] = envsamp__column_sr(
+                map, y << shift, envsamp__min((y + 1) << shift, map->height));
         }
 }
 
@@ -1376,14 +1468,11 @@ static envsamp_result envsamp__map_fill(envsamp__map *map, const envsamp_image *
  * with the cells of their own level, because a part never reads a coarser level than its whole.
  * ========================================================================================== */
 
-#define ENVSAMP__PROFILE 256    /* cells read for one split. Excess variance at 6144 blocks, of
-                                   a search over every texel: 64 +21 %, 128 +12 %, 256 +4 %,
-                                   1024 +1 % */
+#define ENVSAMP__PROFILE 128    /* cells read for one split. 64, 256 and 1024 change the excess
+                                   variance by +8, -4 and -6 %, the time by -5, +15 and +90 % */
 #define ENVSAMP__FLAT 1e-12     /* relative: below it a block is flat */
-#define ENVSAMP__HOPE 0.02      /* of its bound: what a searched block still wants at least, since
-                                   two cuts may gain what one cannot */
-
-typedef struct envsamp__moments { double sum, square; float max; } envsamp__moments;
+#define ENVSAMP__HOPE 0.15      /* of its bound: what a searched block still wants at least, since
+                                   two cuts may gain what one cannot: 0 has 5 % more excess */
 
 typedef struct envsamp__block {
     int x0, y0, x1, y1;
@@ -1416,14 +1505,9 @@ typedef struct envsamp__tree {
     int block_count, heap_count;
 } envsamp__tree;
 
-/* Solid angle of a block, without the cancellation of above_sr at the poles. */
-static double envsamp__block_sr(const envsamp__map *map, int x0, int y0, int x1, int y1)
+static inline double envsamp__block_sr(const envsamp__map *map, const envsamp__block *b)
 {
-    double step = 0.5 / (double)map->height, mid, half, cosine;
-
-    envsamp__sincos_pi(step * (double)(y0 + y1), &mid, &cosine);
-    envsamp__sincos_pi(step * (double)(y1 - y0), &half, &cosine);
-    return 4.0 * ENVSAMP__PI * (double)(x1 - x0) / (double)map->width * mid * half;
+    return envsamp__column_sr(map, b->y0, b->y1) * (double)(b->x1 - b->x0);
 }
 
 /* Root mean square of the block times its solid angle: what the best block probabilities are
@@ -1459,8 +1543,7 @@ static double envsamp__range(const envsamp__map *map, const envsamp__block *b)
    split gains more than what the block's own variance costs. */
 static double envsamp__priority(const envsamp__tree *tree, const envsamp__block *b)
 {
-    const double *above_sr = tree->map->above_sr;
-    double sr = (above_sr[b->y1] - above_sr[b->y0]) * (double)(b->x1 - b->x0), q;
+    double sr = envsamp__block_sr(tree->map, b), q;
 
     switch (tree->criterion) {
     case ENVSAMP_KD_SSE: return envsamp__sse(sr, &b->whole);
@@ -1482,6 +1565,43 @@ static void envsamp__profile_clear(envsamp__profile *p, int count)
     }
 }
 
+/* Asks for the lines of a block of memory rows all at once: read one after another, their misses
+   were half of a build. */
+static inline void envsamp__prefetch(const void *first, size_t row_bytes, size_t stride, int rows)
+{
+#ifdef __GNUC__
+    const char *row = (const char *)first;
+    size_t at;
+
+    for (; rows > 0; rows--, row += stride)
+        for (at = 0; at < row_bytes; at += 64)
+            __builtin_prefetch(row + at);
+#else
+    (void)first, (void)row_bytes, (void)stride, (void)rows;
+#endif
+}
+
+/* Adds `count` texels to as many lanes of their row's sums, and to their columns. */
+static inline void envsamp__profile_lanes(const float *texel, double sr, int count, double *sum,
+                                          double *square, float *max, envsamp__profile *columns,
+                                          int x)
+{
+    int i;
+
+    for (i = 0; i < count; i++) {
+        double value = (double)texel[i], part = sr * value, part_square = part * value;
+
+        sum[i] += part;
+        square[i] += part_square;
+        columns->sum[x + i] += part;
+        columns->square[x + i] += part_square;
+    }
+    for (i = 0; i < count; i++) {
+        max[i] = texel[i] > max[i] ? texel[i] : max[i];
+        columns->max[x + i] = texel[i] > columns->max[x + i] ? texel[i] : columns->max[x + i];
+    }
+}
+
 /* Columns and rows of a block of texels. */
 static void envsamp__profile_texels(envsamp__tree *tree, const envsamp__block *b)
 {
@@ -1489,25 +1609,23 @@ static void envsamp__profile_texels(envsamp__tree *tree, const envsamp__block *b
     envsamp__profile *c = tree->columns, *r = tree->rows;
     int width = b->x1 - b->x0, height = b->y1 - b->y0, x, y;
 
+    envsamp__prefetch(map->luminance + (size_t)b->y0 * (size_t)map->width + b->x0,
+                      (size_t)width * sizeof(float), (size_t)map->width * sizeof(float), height);
     envsamp__profile_clear(c, width);
     for (y = 0; y < height; y++) {
         const float *row = map->luminance + (size_t)(b->y0 + y) * (size_t)map->width + b->x0;
-        double sr = map->levels[0].row_sr[b->y0 + y], sum = 0.0, square = 0.0;
-        float max = 0.0f;
+        double sr = map->levels[0].row_sr[b->y0 + y];
+        double sum[4] = { 0.0, 0.0, 0.0, 0.0 }, square[4] = { 0.0, 0.0, 0.0, 0.0 };
+        float max[4] = { 0.0f, 0.0f, 0.0f, 0.0f };
 
-        for (x = 0; x < width; x++) {
-            double value = (double)row[x], part = sr * value;
-
-            sum += part;
-            square += part * value;
-            c->sum[x] += part;
-            c->square[x] += part * value;
-            c->max[x] = row[x] > c->max[x] ? row[x] : c->max[x];
-            max = row[x] > max ? row[x] : max;
-        }
-        r->sum[y] = sum;
-        r->square[y] = square;
-        r->max[y] = max;
+        for (x = 0; x + 4 <= width; x += 4)
+            envsamp__profile_lanes(row + x, sr, 4, sum, square, max, c, x);
+        envsamp__profile_lanes(row + x, sr, width - x, sum, square, max, c, x);
+        r->sum[y] = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+        r->square[y] = (square[0] + square[1]) + (square[2] + square[3]);
+        max[0] = max[1] > max[0] ? max[1] : max[0];
+        max[2] = max[3] > max[2] ? max[3] : max[2];
+        r->max[y] = max[2] > max[0] ? max[2] : max[0];
         r->weight[y] = sr;
     }
     for (x = 0; x < width; x++)
@@ -1521,6 +1639,9 @@ static void envsamp__profile_cells(envsamp__tree *tree, const envsamp__level *le
     envsamp__profile *c = tree->columns, *r = tree->rows;
     int x, y;
 
+    envsamp__prefetch(level->cells + (size_t)y0 * (size_t)level->width + x0,
+                      (size_t)width * sizeof(envsamp__cell),
+                      (size_t)level->width * sizeof(envsamp__cell), height);
     envsamp__profile_clear(c, width);
     for (x = 0; x < width; x++)
         c->weight[x] = (double)envsamp__columns(tree->map, level, x0 + x);
@@ -1606,7 +1727,9 @@ static void envsamp__try_cuts(const envsamp__profile *p, int count, double cross
             double low = low_sr * square, high = high_sr * (whole->square - square);
 
             high = high > 0.0 ? high : 0.0;
-            value = -(low + high + 2.0 * ENVSAMP_SQRT(low * high));
+            value = -(low + high);
+            if (value > search->best)       /* else the root only makes it worse */
+                value -= 2.0 * ENVSAMP_SQRT(low * high);
         } else {
             double rest = whole->sum - sum;
 
@@ -1640,7 +1763,7 @@ static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
     int width = envsamp__cell_count(b->x0, b->x1, shift);
     int height = envsamp__cell_count(b->y0, b->y1, shift);
     int excess = tree->criterion == ENVSAMP_KD_EXCESS;
-    double column_sr = map->above_sr[b->y1] - map->above_sr[b->y0];
+    double column_sr = envsamp__column_sr(map, b->y0, b->y1);
     double columns = (double)(b->x1 - b->x0), sr = column_sr * columns, gain;
     envsamp__search search = { -DBL_MAX, -1, 0 };
     envsamp__moments whole;
@@ -1669,20 +1792,23 @@ static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
     return gain;
 }
 
-/* Moves the entry at the top down to its place. */
+/* Moves the entry at the top down to its place. Four children a node: half the depth, and half
+   the cache misses, of two. */
 static void envsamp__heap_settle(envsamp__tree *tree)
 {
     envsamp__heap_entry entry = tree->heap[0];
     int hole = 0, child = 1;
 
     while (child < tree->heap_count) {
-        if (child + 1 < tree->heap_count && tree->heap[child + 1].key > tree->heap[child].key)
-            child++;
-        if (tree->heap[child].key <= entry.key)
+        int last = envsamp__min(child + 4, tree->heap_count), best = child;
+
+        for (child++; child < last; child++)
+            best = tree->heap[child].key > tree->heap[best].key ? child : best;
+        if (tree->heap[best].key <= entry.key)
             break;
-        tree->heap[hole] = tree->heap[child];
-        hole = child;
-        child = 2 * hole + 1;
+        tree->heap[hole] = tree->heap[best];
+        hole = best;
+        child = 4 * hole + 1;
     }
     tree->heap[hole] = entry;
 }
@@ -1691,9 +1817,9 @@ static void envsamp__heap_push(envsamp__tree *tree, double key, uint32_t block)
 {
     int hole = tree->heap_count++;
 
-    while (hole > 0 && tree->heap[(hole - 1) / 2].key < key) {
-        tree->heap[hole] = tree->heap[(hole - 1) / 2];
-        hole = (hole - 1) / 2;
+    while (hole > 0 && tree->heap[(hole - 1) / 4].key < key) {
+        tree->heap[hole] = tree->heap[(hole - 1) / 4];
+        hole = (hole - 1) / 4;
     }
     tree->heap[hole].key = key;
     tree->heap[hole].block = block;
@@ -1797,11 +1923,18 @@ static inline double envsamp__model_gamma(double beta)
     return gamma < 1e-6 && gamma > -1e-6 ? 0.0 : gamma;
 }
 
+/* G at x. */
 static inline double envsamp__model_g(double gamma, double x_over_alpha)
 {
     double log_ratio = envsamp__log2(1.0 + x_over_alpha);
 
     return gamma == 0.0 ? log_ratio : (envsamp__exp2(gamma * log_ratio) - 1.0) / gamma;
+}
+
+/* The inverse of G: log2(1 + x/alpha). */
+static inline double envsamp__model_log_ratio(double gamma, double g)
+{
+    return gamma == 0.0 ? g : envsamp__log2(1.0 + gamma * g) / gamma;
 }
 
 /* Where parameters (log2 alpha, beta) still compute: alpha = 1000 n is a flat model. */
@@ -1932,7 +2065,8 @@ static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
         more = envsamp__fit_in_range(fit, param);
         cost = more ? envsamp__fit_cost(fit, param, NULL) : DBL_MAX;
         param[0] -= step;
-        if (i > 0 && last <= before && last <= cost && last < starts[ENVSAMP__FIT_STARTS - 1].cost) {
+        if (i > 0 && last <= before && last <= cost
+            && last < starts[ENVSAMP__FIT_STARTS - 1].cost) {
             for (k = ENVSAMP__FIT_STARTS - 1; k > 0 && starts[k - 1].cost > last; k--)
                 starts[k] = starts[k - 1];
             starts[k].cost = last;
@@ -2047,15 +2181,18 @@ static void envsamp__round_draws(const double *weight, int count, uint32_t *draw
         }
 }
 
-/* The alias method [2] on whole numbers, so nothing rounds and no weight turns negative. Bin i of
-   2^bits holds 2^(24-bits) draws: the first of them block i's, the rest its alias's. An entry is
-   alias << (25-bits) | draws of the bin's own block, in 25 bits. Uses up `draws`. */
-static void envsamp__alias_build(uint32_t *draws, int count, int bits, uint32_t *entries,
+/* Of the 2^24 numbers that u0 can be, bin i has 2^shift. Those below `split` draw block i, the
+   others block `alias`. */
+typedef struct envsamp__bin { uint32_t split, alias; } envsamp__bin;
+
+/* The alias method [2] on whole numbers, so nothing rounds and no weight turns negative. Uses up
+   `draws`. */
+static void envsamp__alias_build(uint32_t *draws, int count, int shift, envsamp__bin *bins,
                                  uint32_t *stack)
 {
-    uint32_t bins = 1u << bits, room = 1u << (24 - bits), small = 0, large = bins, i;
+    uint32_t bin_count = 1u << (24 - shift), room = 1u << shift, small = 0, large = bin_count, i;
 
-    for (i = 0; i < bins; i++) {
+    for (i = 0; i < bin_count; i++) {
         uint32_t own = i < (uint32_t)count ? draws[i] : 0;
 
         if (own < room)
@@ -2067,15 +2204,18 @@ static void envsamp__alias_build(uint32_t *draws, int count, int bits, uint32_t 
         uint32_t bin = stack[--small], donor = stack[large];
         uint32_t own = bin < (uint32_t)count ? draws[bin] : 0;
 
-        entries[bin] = donor << (25 - bits) | own;
+        bins[bin].split = (bin << shift) + own;
+        bins[bin].alias = donor;
         draws[donor] -= room - own;
         if (draws[donor] < room) {
             stack[small++] = donor;
             large++;
         }
     }
-    for (; large < bins; large++)
-        entries[stack[large]] = stack[large] << (25 - bits) | room;
+    for (; large < bin_count; large++) {
+        bins[stack[large]].split = (stack[large] + 1) << shift;
+        bins[stack[large]].alias = stack[large];
+    }
 }
 
 /* ============================================================================================
@@ -2087,7 +2227,7 @@ static void envsamp__alias_build(uint32_t *draws, int count, int bits, uint32_t 
  *     rows     height + 1 x { float 1 - cos theta, 1 + cos theta }, at the row edges
  *     bounds   block_count x { uint16 x0, y0, x1, y1 }, in texels: 48 KB for 6144 blocks
  *     pdf      block_count x float, per steradian
- *     alias    ALIAS: 2^alias_bits x uint32, see envsamp__alias_build
+ *     alias    ALIAS: 2^(24 - alias_shift) x envsamp__bin
  *     nodes    block_count - 1 x envsamp__node
  *     grid     2^(grid_bits_x + grid_bits_y) x uint32: the deepest link whose region holds the
  *              cell, rows of azimuth first
@@ -2114,9 +2254,13 @@ typedef struct envsamp__node { float cut; uint32_t child[2]; } envsamp__node;
 struct envsamp_kd {
     uint32_t magic, version, bytes, checksum;   /* checksum: of all that follows it */
     uint32_t select, model, criterion, mapping;
-    uint32_t width, height, block_count, alias_bits;
-    uint32_t drawn_count;                       /* FIT: blocks above zero, which come first */
-    uint32_t grid_bits_x, grid_bits_y, unused;
+    uint32_t width, height, block_count;
+    uint32_t alias_shift;                       /* 24 - log2 of the bins */
+    uint32_t grid_bits_x, grid_bits_y;
+    float grid_scale_x, grid_scale_y;           /* cells per unit of azimuth, of polar */
+    float inverse_width;
+    float fit_alpha, fit_end;                   /* FIT: alpha; the largest x that is a block's */
+    uint32_t drawn_count;                       /* blocks that can be drawn: FIT, the first ones */
     uint32_t rows_at, bounds_at, pdf_at, alias_at, nodes_at, grid_at;
     double integral, excess_variance, max_ratio, alpha, beta, l1;
     double fit_total;                           /* FIT: G(n) */
@@ -2135,9 +2279,9 @@ static inline const float *envsamp__kd_pdfs(const envsamp_kd *kd)
 {
     return (const float *)(const void *)((const char *)kd + kd->pdf_at);
 }
-static inline const uint32_t *envsamp__kd_alias(const envsamp_kd *kd)
+static inline const envsamp__bin *envsamp__kd_alias(const envsamp_kd *kd)
 {
-    return (const uint32_t *)(const void *)((const char *)kd + kd->alias_at);
+    return (const envsamp__bin *)(const void *)((const char *)kd + kd->alias_at);
 }
 static inline const envsamp__node *envsamp__kd_nodes(const envsamp_kd *kd)
 {
@@ -2158,14 +2302,19 @@ static uint32_t envsamp__bits(uint32_t count)
     return bits;
 }
 
-/* Puts the arrays in their places, from select, height and block_count. */
+/* Puts the arrays in their places, and sets whatever else follows from the other fields. */
 static void envsamp__kd_layout(envsamp_kd *kd)
 {
     uint32_t bits = envsamp__bits(kd->block_count), at = (uint32_t)sizeof *kd;
 
-    kd->alias_bits = kd->select == ENVSAMP_KD_ALIAS ? bits : 0;
+    kd->alias_shift = 24 - bits;
     kd->grid_bits_x = (bits + 1) / 2;
     kd->grid_bits_y = bits / 2;
+    kd->grid_scale_x = 0.25f * (float)(1 << kd->grid_bits_x);
+    kd->grid_scale_y = 0.5f * (float)(1 << kd->grid_bits_y);
+    kd->inverse_width = 1.0f / (float)kd->width;
+    kd->fit_alpha = (float)kd->alpha;
+    kd->fit_end = envsamp__bits_float(envsamp__float_bits((float)kd->drawn_count) - 1);
     kd->rows_at = at;
     at += (kd->height + 1) * (uint32_t)sizeof(envsamp__row);
     kd->bounds_at = at;
@@ -2174,7 +2323,7 @@ static void envsamp__kd_layout(envsamp_kd *kd)
     at += kd->block_count * (uint32_t)sizeof(float);
     kd->alias_at = at;
     if (kd->select == ENVSAMP_KD_ALIAS)
-        at += (1u << kd->alias_bits) * (uint32_t)sizeof(uint32_t);
+        at += (1u << bits) * (uint32_t)sizeof(envsamp__bin);
     kd->nodes_at = at;
     at += (kd->block_count - 1) * (uint32_t)sizeof(envsamp__node);
     kd->grid_at = at;
@@ -2218,15 +2367,13 @@ static float envsamp__row_polar(int row, int height)
     return (float)(2 * row > height ? 2.0 - q : q);
 }
 
-static void envsamp__write_rows(const envsamp_kd *kd, envsamp__row *rows)
+static void envsamp__write_rows(const envsamp__map *map, envsamp__row *rows)
 {
-    double step = 0.5 / (double)kd->height, sine, cosine;
-    uint32_t y;
+    int y;
 
-    for (y = 0; y <= kd->height; y++) {
-        envsamp__sincos_pi(step * (double)y, &sine, &cosine);
-        rows[y].north = (float)(2.0 * sine * sine);
-        rows[y].south = (float)(2.0 * cosine * cosine);
+    for (y = 0; y <= map->height; y++) {
+        rows[y].north = (float)map->cap[y];
+        rows[y].south = (float)map->cap[map->height - y];
     }
 }
 
@@ -2249,109 +2396,143 @@ static void envsamp__write_nodes(const envsamp_kd *kd, const envsamp__cut *cuts,
     }
 }
 
-/* Cells have exact edges, so a link found for a cell is right for every point that falls in it. */
+/* The deepest link below `link` whose region holds a cell of the grid. */
+static uint32_t envsamp__cell_link(const envsamp__node *nodes, uint32_t link, float x0, float y0,
+                                   float x1, float y1)
+{
+    while (!(link & ENVSAMP__LEAF)) {
+        float cut = nodes[link].cut, low = cut < 0.0f ? y0 : x0, high = cut < 0.0f ? y1 : x1;
+
+        cut = cut < 0.0f ? -cut : cut;
+        if (cut > low && cut < high)
+            break;
+        link = nodes[link].child[cut <= low];
+    }
+    return link;
+}
+
+/* Cells have exact edges, so a link found for a cell is right for every point that falls in it.
+   Squares of up to 8 by 8 cells come first and save their cells the way down to them. */
 static void envsamp__write_grid(const envsamp_kd *kd, uint32_t *grid)
 {
     const envsamp__node *nodes = envsamp__kd_nodes(kd);
-    float width = 4.0f / (float)(1u << kd->grid_bits_x);
-    float height = 2.0f / (float)(1u << kd->grid_bits_y);
-    uint32_t x, y;
+    uint32_t columns = 1u << kd->grid_bits_x, rows = 1u << kd->grid_bits_y, x0, y0, x, y;
+    uint32_t wide = columns < 8 ? columns : 8, high = rows < 8 ? rows : 8;
+    uint32_t root = kd->block_count == 1 ? ENVSAMP__LEAF : 0;
+    float width = 4.0f / (float)columns, height = 2.0f / (float)rows;
 
-    for (y = 0; y < 1u << kd->grid_bits_y; y++)
-        for (x = 0; x < 1u << kd->grid_bits_x; x++) {
-            uint32_t link = kd->block_count == 1 ? ENVSAMP__LEAF : 0;
+    for (y0 = 0; y0 < rows; y0 += high)
+        for (x0 = 0; x0 < columns; x0 += wide) {
+            uint32_t link = envsamp__cell_link(nodes, root, width * (float)x0, height * (float)y0,
+                                               width * (float)(x0 + wide),
+                                               height * (float)(y0 + high));
 
-            while (!(link & ENVSAMP__LEAF)) {
-                float cut = nodes[link].cut;
-                float low = cut < 0.0f ? height * (float)y : width * (float)x;
-                float high = cut < 0.0f ? low + height : low + width;
-
-                cut = cut < 0.0f ? -cut : cut;
-                if (cut > low && cut < high)
-                    break;
-                link = nodes[link].child[cut <= low];
-            }
-            grid[(y << kd->grid_bits_x) + x] = link;
+            for (y = y0; y < y0 + high; y++)
+                for (x = x0; x < x0 + wide; x++)
+                    grid[(y << kd->grid_bits_x) + x] = envsamp__cell_link(
+                        nodes, link, width * (float)x, height * (float)y,
+                        width * (float)(x + 1), height * (float)(y + 1));
         }
 }
 
 /* ---- sampling ---- */
 
-/* A point of a block, fx and fy in [0, 1): uniform in solid angle. */
-static inline envsamp_sample envsamp__block_point(const envsamp_kd *kd, uint32_t block, float fx,
-                                                  float fy)
+/* A block, and where in azimuth, [0, 1], a sample lies in it. */
+typedef struct envsamp__choice { uint32_t block; float fx; } envsamp__choice;
+
+/* The leading bits of u0 are the bin, the number that they lead decides for its own block or its
+   alias, and where that lies among the draws of the chosen one is the position in azimuth. The
+   lower half of u1 continues it. */
+static inline envsamp__choice envsamp__alias_choose(const envsamp_kd *kd, float u0, float u1)
 {
-    const envsamp__bounds b = envsamp__kd_bounds(kd)[block];
+    uint32_t draw = (uint32_t)(int)(u0 * ENVSAMP__UNIT), bin = draw >> kd->alias_shift;
+    const envsamp__bin *entry = envsamp__kd_alias(kd) + bin;
+    uint32_t first = bin << kd->alias_shift, own = entry->split - first;
+    uint32_t other = 0u - (uint32_t)(draw >= entry->split);     /* all ones for the alias */
+    uint32_t count = own + (((1u << kd->alias_shift) - 2 * own) & other);
+    float low = u1 * 4096.0f;
+    envsamp__choice choice;
+
+    low -= (float)(int)low;
+    choice.block = bin ^ ((bin ^ entry->alias) & other);
+    choice.fx = ((float)(int)(draw - first - (own & other)) + low) / (float)(int)count;
+    return choice;
+}
+
+/* How far into a bin the model's mass has come at the fraction f of it: the density falls inside a
+   bin, so this is not f. a is alpha plus the bin's index. */
+static inline float envsamp__fit_position(const envsamp_kd *kd, float f, float a)
+{
+    float w = f / (2.0f * a + f), v = 1.0f / (2.0f * a + 1.0f), t = w * w, s = v * v;
+
+    if (kd->model == ENVSAMP_KD_POWER || a < 1.0f) {
+        double gamma = envsamp__model_gamma(kd->beta), step = 1.0 / (double)a;
+
+        return (float)(envsamp__model_g(gamma, (double)f * step)
+                       / envsamp__model_g(gamma, step));
+    }
+    /* log(1 + f/a) / log(1 + 1/a) = atanh w / atanh v, both series within 2e-6 */
+    return (2.0f * a + 1.0f) * w
+         * (1.0f + t * (1.0f / 3 + t * (1.0f / 5 + t * (1.0f / 7 + t * (1.0f / 9)))))
+         * (1.0f - s * (1.0f / 3 + s * (4.0f / 45 + s * (44.0f / 945 + s * (428.0f / 14175)))));
+}
+
+/* x = P^-1(u0) [1, equation 8]; the block is its whole part. */
+static inline envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0)
+{
+    double g = (double)u0 * kd->fit_total;
+    envsamp__choice choice;
+    int x_whole;
+    float x;
+
+    if (kd->model == ENVSAMP_KD_POWER)
+        g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta), g);
+    x = kd->fit_alpha * envsamp__exp2m1(g);
+    x = x < kd->fit_end ? x : kd->fit_end;
+    x_whole = (int)x;
+    choice.block = (uint32_t)x_whole;
+    choice.fx = envsamp__fit_position(kd, x - (float)x_whole, kd->fit_alpha + (float)x_whole);
+    return choice;
+}
+
+/* The point of a chosen block at u1 of its solid angle from its upper edge. */
+static inline envsamp_sample envsamp__block_point(const envsamp_kd *kd, envsamp__choice choice,
+                                                  float u1)
+{
+    const envsamp__bounds b = envsamp__kd_bounds(kd)[choice.block];
     const envsamp__row top = envsamp__kd_rows(kd)[b.y0], end = envsamp__kd_rows(kd)[b.y1];
-    float north = top.north + fy * (end.north - top.north);
-    float south = top.south + fy * (end.south - top.south);
-    float sine = ENVSAMP_SQRTF(north * south), cosine_phi, sine_phi;
+    float north = top.north + u1 * (end.north - top.north);
+    float south = top.south + u1 * (end.south - top.south);
+    float sine, cosine_phi, sine_phi;
     envsamp_sample s;
 
-    s.uv[0] = ((float)b.x0 + fx * (float)(b.x1 - b.x0)) / (float)kd->width;
+    s.uv[0] = ((float)b.x0 + choice.fx * (float)(b.x1 - b.x0)) * kd->inverse_width;
     s.uv[0] = s.uv[0] < ENVSAMP__BELOW_ONE ? s.uv[0] : ENVSAMP__BELOW_ONE;
+    s.uv[1] = envsamp__polar_fraction(north, south, &sine);
     envsamp__cos_sin_turn(s.uv[0], &cosine_phi, &sine_phi);
     s.dir[0] = cosine_phi * sine;
     s.dir[1] = sine_phi * sine;
     s.dir[2] = 0.5f * (south - north);
-    s.uv[1] = 2.0f * envsamp__turn(sine, s.dir[2]);
-    s.pdf = envsamp__kd_pdfs(kd)[block];
+    s.pdf = envsamp__kd_pdfs(kd)[choice.block];
     return s;
-}
-
-/* The leading alias_bits of u0 are the bin, the next ones decide for its own block or its alias,
-   and what is left of them, at most 24 - alias_bits, is the position in azimuth. The lower half
-   of u1 continues it. */
-static inline envsamp_sample envsamp__alias_sample(const envsamp_kd *kd, float u0, float u1)
-{
-    uint32_t bits = kd->alias_bits, room = 1u << (24 - bits);
-    uint32_t number = (uint32_t)(u0 * ENVSAMP__UNIT), bin = number >> (24 - bits);
-    uint32_t draw = number & (room - 1), entry = envsamp__kd_alias(kd)[bin];
-    uint32_t own = entry & (2 * room - 1), is_alias = draw >= own;
-    uint32_t block = is_alias ? entry >> (25 - bits) : bin;
-    uint32_t first = is_alias ? own : 0, count = is_alias ? room - own : own;
-    float low = u1 * 4096.0f, fx;
-
-    low -= (float)(int)low;
-    fx = ((float)(draw - first) + low) / (float)count;
-    return envsamp__block_point(kd, block, fx < ENVSAMP__BELOW_ONE ? fx : ENVSAMP__BELOW_ONE, u1);
-}
-
-/* x = P^-1(u0) [1, equation 8], the block is its whole part. The density falls inside a bin, so
-   the position in it is not the fraction f of x, but (P(x) - P(k)) / (P(k+1) - P(k)). */
-static inline envsamp_sample envsamp__fit_sample(const envsamp_kd *kd, float u0, float u1)
-{
-    double gamma = kd->model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(kd->beta);
-    double g = (double)u0 * kd->fit_total, x, step, fx;
-    uint32_t block;
-
-    if (gamma != 0.0)
-        g = envsamp__log2(1.0 + gamma * g) / gamma;
-    x = kd->alpha * (envsamp__exp2(g) - 1.0);
-    x = x > 0.0 ? x : 0.0;
-    block = x < (double)kd->drawn_count ? (uint32_t)x : kd->drawn_count - 1;
-    step = 1.0 / (kd->alpha + (double)block);
-    fx = envsamp__model_g(gamma, (x - (double)block) * step) / envsamp__model_g(gamma, step);
-    fx = fx < (double)ENVSAMP__BELOW_ONE ? fx : (double)ENVSAMP__BELOW_ONE;
-    return envsamp__block_point(kd, block, fx > 0.0 ? (float)fx : 0.0f, u1);
 }
 
 /* The block in a direction; ENVSAMP__LEAF if the direction is none. */
 static inline uint32_t envsamp__kd_locate(const envsamp_kd *kd, float x, float y, float z)
 {
     const envsamp__node *nodes = envsamp__kd_nodes(kd);
-    float ax = x < 0.0f ? -x : x, ay = y < 0.0f ? -y : y, az = z < 0.0f ? -z : z;
-    float r = ENVSAMP_SQRTF(x * x + y * y), side = ax + ay, sum = r + az, azimuth, polar;
+    float side = ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), r = ENVSAMP_SQRTF(x * x + y * y);
+    float sum = r + ENVSAMP_FABSF(z), azimuth, polar;
     uint32_t link, column, row;
 
     if (!(sum > 0.0f && sum <= FLT_MAX))
         return ENVSAMP__LEAF;
-    azimuth = side > 0.0f ? y / side : 0.0f;
-    azimuth = x < 0.0f ? 2.0f - azimuth : y < 0.0f ? 4.0f + azimuth : azimuth;
-    polar = r / sum;
-    polar = z < 0.0f ? 2.0f - polar : polar;
-    column = (uint32_t)(azimuth * 0.25f * (float)(1u << kd->grid_bits_x));
-    row = (uint32_t)(polar * 0.5f * (float)(1u << kd->grid_bits_y));
+    /* |x|/(|x|+|y|) is 1 at x = 0: half a turn is 1 - ..., mirrored for y below 0 */
+    azimuth = side > 0.0f ? ENVSAMP_COPYSIGNF(ENVSAMP_FABSF(y) / side, x) : 0.0f;
+    azimuth = 2.0f - ENVSAMP_COPYSIGNF(1.0f + ENVSAMP_COPYSIGNF(1.0f, x) - azimuth, y);
+    polar = 1.0f - ENVSAMP_COPYSIGNF(1.0f - r / sum, z);
+    column = (uint32_t)(int)(azimuth * kd->grid_scale_x);
+    row = (uint32_t)(int)(polar * kd->grid_scale_y);
     column = column >> kd->grid_bits_x ? (1u << kd->grid_bits_x) - 1 : column;
     row = row >> kd->grid_bits_y ? (1u << kd->grid_bits_y) - 1 : row;
     link = envsamp__kd_grid(kd)[(row << kd->grid_bits_x) + column];
@@ -2401,7 +2582,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image,
     map->height = height;
     map->luminance = (float *)envsamp__take(arena, (uint64_t)width * (uint64_t)height,
                                             sizeof(float));
-    map->above_sr = (double *)envsamp__take(arena, (uint64_t)height + 1, sizeof(double));
+    map->cap = (double *)envsamp__take(arena, (uint64_t)height + 1, sizeof(double));
     for (;;) {
         envsamp__level *level = &map->levels[k];
 
@@ -2476,11 +2657,6 @@ static double envsamp__lit_weight(const envsamp__block *block, double weight)
     return block->whole.max > 0.0f && weight < DBL_MIN ? DBL_MIN : weight;
 }
 
-static double envsamp__sr_of(const envsamp__map *map, const envsamp__block *b)
-{
-    return envsamp__block_sr(map, b->x0, b->y0, b->x1, b->y1);
-}
-
 static void envsamp__choose_alias(envsamp__kd_work *work, envsamp_kd *kd)
 {
     const envsamp__tree *tree = &work->tree;
@@ -2491,7 +2667,7 @@ static void envsamp__choose_alias(envsamp__kd_work *work, envsamp_kd *kd)
 
         work->order[i] = work->place[i] = (uint32_t)i;
         work->probability[i] = envsamp__lit_weight(
-            b, envsamp__q(envsamp__sr_of(&work->map, b), b->whole.square));
+            b, envsamp__q(envsamp__block_sr(&work->map, b), b->whole.square));
     }
     envsamp__round_draws(work->probability, tree->block_count, work->draws);
     for (i = 0; i < tree->block_count; i++)
@@ -2516,7 +2692,7 @@ static void envsamp__choose_fit(envsamp__kd_work *work, envsamp_kd *kd)
     for (i = 0; i < tree->block_count; i++) {
         const envsamp__block *b = &tree->blocks[i];
 
-        key[i] = envsamp__lit_weight(b, chi2 ? envsamp__q(envsamp__sr_of(&work->map, b),
+        key[i] = envsamp__lit_weight(b, chi2 ? envsamp__q(envsamp__block_sr(&work->map, b),
                                                           b->whole.square) : b->whole.sum);
         work->order[i] = (uint32_t)i;
         total += key[i];
@@ -2555,7 +2731,7 @@ static void envsamp__write_blocks(const envsamp__kd_work *work, envsamp_kd *kd)
     for (i = 0; i < kd->block_count; i++) {
         const envsamp__block *b = &work->tree.blocks[work->order[i]];
         double probability = work->probability[work->order[i]];
-        double sr = envsamp__sr_of(&work->map, b);
+        double sr = envsamp__block_sr(&work->map, b);
 
         bounds[i].x0 = (uint16_t)b->x0;
         bounds[i].y0 = (uint16_t)b->y0;
@@ -2586,16 +2762,16 @@ static void envsamp__kd_write(envsamp__kd_work *work, envsamp_kd *kd)
     kd->block_count = (uint32_t)work->tree.block_count;
     kd->integral = work->map.integral;
     kd->bad_pixel_count = work->map.bad_pixel_count;
-    envsamp__kd_layout(kd);
     if (kd->select == ENVSAMP_KD_ALIAS)
         envsamp__choose_alias(work, kd);
     else
         envsamp__choose_fit(work, kd);
-    envsamp__write_rows(kd, (envsamp__row *)(void *)(base + kd->rows_at));
+    envsamp__kd_layout(kd);
+    envsamp__write_rows(&work->map, (envsamp__row *)(void *)(base + kd->rows_at));
     envsamp__write_blocks(work, kd);
     if (kd->select == ENVSAMP_KD_ALIAS)
-        envsamp__alias_build(work->draws, work->tree.block_count, (int)kd->alias_bits,
-                             (uint32_t *)(void *)(base + kd->alias_at), work->stack);
+        envsamp__alias_build(work->draws, work->tree.block_count, (int)kd->alias_shift,
+                             (envsamp__bin *)(void *)(base + kd->alias_at), work->stack);
     envsamp__write_nodes(kd, work->tree.cuts, work->place,
                          (envsamp__node *)(void *)(base + kd->nodes_at));
     envsamp__write_grid(kd, (uint32_t *)(void *)(base + kd->grid_at));
@@ -2743,15 +2919,14 @@ static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
 
 static int envsamp__kd_alias_valid(const envsamp_kd *kd)
 {
-    uint32_t bits = kd->alias_bits, room = 1u << (24 - bits), i;
-    const uint32_t *alias = envsamp__kd_alias(kd);
+    uint32_t room = 1u << kd->alias_shift, i;
+    const envsamp__bin *bins = envsamp__kd_alias(kd);
 
-    for (i = 0; kd->select == ENVSAMP_KD_ALIAS && i < 1u << bits; i++) {
-        uint32_t own = alias[i] & (2 * room - 1), other = alias[i] >> (25 - bits);
-
-        if (own > room || other >= kd->block_count || (own > 0 && i >= kd->block_count))
+    for (i = 0; kd->select == ENVSAMP_KD_ALIAS && i < 1u << (24 - kd->alias_shift); i++)
+        if (bins[i].split < i * room || bins[i].split - i * room > room
+            || bins[i].alias >= kd->block_count
+            || (bins[i].split > i * room && i >= kd->block_count))
             return 0;
-    }
     return 1;
 }
 
@@ -2805,11 +2980,14 @@ ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd)
 
 ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0, float u1)
 {
+    envsamp__choice choice;
+
     ENVSAMP_ASSERT(kd);
     u0 = envsamp__clamp_unit(u0);
     u1 = envsamp__clamp_unit(u1);
-    return kd->select == ENVSAMP_KD_ALIAS ? envsamp__alias_sample(kd, u0, u1)
-                                          : envsamp__fit_sample(kd, u0, u1);
+    choice = kd->select == ENVSAMP_KD_ALIAS ? envsamp__alias_choose(kd, u0, u1)
+                                            : envsamp__fit_choose(kd, u0);
+    return envsamp__block_point(kd, choice, u1);
 }
 
 ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3])
@@ -2879,17 +3057,17 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
                                                 envsamp_kd_block *block)
 {
     const envsamp__bounds *b;
-    double sr;
-    envsamp__map map;
+    double sr, step, mid, half, cosine;
 
     if (!kd || !block)
         return ENVSAMP_ERR_NULL;
     if (index < 0 || index >= (int)kd->block_count)
         return ENVSAMP_ERR_PARAM;
     b = &envsamp__kd_bounds(kd)[index];
-    map.width = (int)kd->width;
-    map.height = (int)kd->height;
-    sr = envsamp__block_sr(&map, b->x0, b->y0, b->x1, b->y1);
+    step = 0.5 / (double)kd->height;        /* cos a - cos b = 2 sin((a+b)/2) sin((b-a)/2) */
+    envsamp__sincos_pi(step * (double)(b->y0 + b->y1), &mid, &cosine);
+    envsamp__sincos_pi(step * (double)(b->y1 - b->y0), &half, &cosine);
+    sr = 4.0 * ENVSAMP__PI * (double)(b->x1 - b->x0) / (double)kd->width * mid * half;
     block->uv_min[0] = (float)b->x0 / (float)kd->width;
     block->uv_min[1] = (float)b->y0 / (float)kd->height;
     block->uv_max[0] = (float)b->x1 / (float)kd->width;
