@@ -32,9 +32,9 @@
  *     select               block probabilities      random  per sample    take it when
  *                                                   numbers
  *     ENVSAMP_KD_ALIAS     optimal, exact           2       2 lookups     speed and least noise
- *     ENVSAMP_KD_FIT       analytic, 2 parameters   2       1 lookup      8 bytes a block are all
- *                          [1]                                            that fits; 15 to 30 %
- *                                                                         more variance, or more
+ *     ENVSAMP_KD_FIT       analytic, 2 parameters   2       1 lookup      8 bytes a block must do
+ *                          [1]                                            to sample; 5 to 60 %
+ *                                                                         variance, or more
  *
  * A table of 6144 blocks, the default, replaces the CDF of a map of any resolution. What it loses
  * against that is `excess_variance`, which envsamp_kd_get_info tells exactly.
@@ -61,9 +61,9 @@
  *   is free again after the build. The table holds no pointers: copy it, map it, store it, send
  *   it to a GPU, and _open it there.
  * - A table is read-only after the build; any number of threads may sample it.
- * - A build validates everything that it is given and returns a named result; after a failure the
- *   table buffer does not pass _open.
- * - Sampling is safe for any float, NaN included, and gives a finite direction.
+ * - A build validates everything that it is given and returns a named result. One that fails leaves
+ *   the table buffer as it was, or as nothing that passes _open.
+ * - Sampling is safe for any float, NaN included, and gives a finite direction, 1 long within 1e-6.
  * - Sums over a map are doubles that only add positive numbers. Block probabilities are whole
  *   multiples of 2^-24, and are exactly the distribution that 24-bit numbers u0 draw.
  * - IEEE arithmetic without contraction (-ffp-contract=off, or -std=c99) gives the same bits with
@@ -78,19 +78,19 @@
  *   ENVSAMP_FABSF(x)         default fabsf and copysignf from math.h, which every compiler makes
  *   ENVSAMP_COPYSIGNF(x, y)  an instruction or two
  *
- * LIMITS. Of the mappings, lat-long so far. Directions longer than 1e18 or shorter than 1e-18 have
- * pdf 0. Tables are in the byte order of the machine that built them; one from a machine of the
- * other order fails to open.
+ * LIMITS. Of the mappings, lat-long so far. Directions may be 1e-15 to 1e18 long. Tables are in the
+ * byte order of the machine that built them; one from a machine of the other order fails to open.
  *
  * REFERENCES
  *  [1] Ergun, Kurt, Ozturk: Real-time Kd-tree Based Importance Sampling of Environment Maps.
  *      SCCG 2012
  *  [2] Vose: A linear algorithm for generating random numbers with a given distribution. IEEE
  *      Transactions on Software Engineering, 1991
- *  [3] Levenberg: A method for the solution of certain non-linear problems in least squares. 1944;
- *      Marquardt: An algorithm for least-squares estimation of nonlinear parameters. 1963;
- *      More: The Levenberg-Marquardt algorithm: implementation and theory. 1978
- *  [4] Veach: Robust Monte Carlo Methods for Light Transport Simulation. 1998
+ *  [3] Levenberg: A method for the solution of certain non-linear problems in least squares.
+ *      Quarterly of Applied Mathematics, 1944; Marquardt: An algorithm for least-squares estimation
+ *      of nonlinear parameters. SIAM Journal, 1963
+ *  [4] Veach: Robust Monte Carlo Methods for Light Transport Simulation. 1997
+ *  [5] More: The Levenberg-Marquardt algorithm: implementation and theory. Numerical Analysis, 1978
  */
 #ifndef ENVSAMP_H
 #define ENVSAMP_H
@@ -98,7 +98,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#ifdef ENVSAMP_STATIC
+#if defined(ENVSAMP_STATIC) && defined(__GNUC__)
+#define ENVSAMP_DEF __attribute__((unused)) static
+#elif defined(ENVSAMP_STATIC)
 #define ENVSAMP_DEF static
 #else
 #define ENVSAMP_DEF extern
@@ -147,13 +149,13 @@ typedef struct envsamp_sizes  { size_t table_bytes, scratch_bytes; } envsamp_siz
 /* A direction, its density per steradian, and where it lies in the map. */
 typedef struct envsamp_sample { float dir[3]; float pdf; float uv[2]; } envsamp_sample;
 
-/* The direction of a point of the map, unit length within 4e-7. u wraps round; v is clamped to
-   [0, 1]; a NaN counts as 0. Lat-long and hemisphere; for the octahedral map, which is to come,
-   dir is zero. */
+/* The direction of a point of the map, each component and the length within 2e-7. u wraps round;
+   v is clamped to [0, 1]; a NaN counts as 0. Lat-long and hemisphere; for the octahedral map,
+   which is to come, dir is zero. */
 ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v, float dir[3]);
 
-/* The point of the map in a direction of any length: u in [0, 1), v in [0, 1], each within 3e-7.
-   The zero vector gives (0, 0). For HEMISPHERE directions below the horizon have v above 1. */
+/* The point of the map in a direction, of unit length or not: u in [0, 1), v in [0, 1], each within
+   3e-7. The zero vector gives (0, 0). For HEMISPHERE directions below the horizon have v above 1. */
 ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const float dir[3], float uv[2]);
 
 /* Rec. 709 luminance of linear RGB: what importance is made of. */
@@ -179,7 +181,8 @@ typedef enum envsamp_kd_select {
 
 /* Which block to split next, and where. The first three choose by their name and split where the
    means of the parts explain most squares [1]. EXCESS splits what lowers the variance of L/pdf
-   most: 20 to 30 % less of it than SSE from as many blocks. */
+   most: with ALIAS 20 to 40 % less of it than SSE from as many blocks. FIT does not profit, since
+   how well the blocks suit the model decides there; SSE is often better for it. */
 typedef enum envsamp_kd_criterion {
     ENVSAMP_KD_SSE = 0, ENVSAMP_KD_VARIANCE, ENVSAMP_KD_RANGE, ENVSAMP_KD_EXCESS
 } envsamp_kd_criterion;
@@ -321,8 +324,8 @@ ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc);
  *   down, so a minimum behind such a wall may end as `converged` at the wall. Where fn is not
  *   finite on both sides of a parameter, that parameter rests until a step elsewhere frees it.
  *   Where J is singular at a root the last steps creep, and may use up max_iterations.
- * Source: [3]; trust region, scaling and stopping tests after More. Differs in that the equation
- *   of the step bound is solved on singular values. */
+ * Source: [3]; trust region, scaling and stopping tests [5], but the equation of the step bound is
+ *   solved on singular values. */
 ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn fn, void *user,
                                       double *params, envsamp_buffer scratch,
                                       envsamp_lm_info *info);
@@ -381,6 +384,13 @@ extern "C" {
  * libm. Float for sampling, double for builds.
  * ========================================================================================== */
 
+/* What a sample consists of: inlined, it costs nothing for a result that is not used. */
+#ifdef __GNUC__
+#define ENVSAMP__HOT static inline __attribute__((always_inline))
+#else
+#define ENVSAMP__HOT static inline
+#endif
+
 #define ENVSAMP__PI 3.14159265358979323846
 #define ENVSAMP__UNIT 16777216.0f                   /* 2^24: a float u has that many values */
 #define ENVSAMP__BELOW_ONE 0.999999940395355224609375f  /* 1 - 2^-24 */
@@ -407,7 +417,7 @@ static inline float envsamp__bits_float(uint32_t bits)
 
 /* Any float to [0, 1), without a branch: NaN, infinities and 1 and above to the end, a negative
    number by its size. */
-static inline float envsamp__clamp_unit(float u)
+ENVSAMP__HOT float envsamp__clamp_unit(float u)
 {
     u = ENVSAMP_FABSF(u);
     return u < ENVSAMP__BELOW_ONE ? u : ENVSAMP__BELOW_ONE;
@@ -433,9 +443,9 @@ static void envsamp__sincos_pi(double x, double *sine, double *cosine)
         *cosine = -*cosine;
 }
 
-/* Cosine and sine of u turns, 0 <= u <= 1, each within 2e-7: the half angle, then doubled, so
+/* Cosine and sine of u turns, 0 <= u <= 1, each within 5e-7: the half angle, then doubled, so
    there is no choice of quadrant. */
-static inline void envsamp__cos_sin_turn(float u, float *cosine, float *sine)
+ENVSAMP__HOT void envsamp__cos_sin_turn(float u, float *cosine, float *sine)
 {
     float h = u - 0.5f, t = h * h;
     float t2 = t * t, s = h * (3.14159258f - t * 5.16770690f + t2 * (2.55003164f - t * 0.598046450f
@@ -443,7 +453,7 @@ static inline void envsamp__cos_sin_turn(float u, float *cosine, float *sine)
     float c = (1.0f - 4.0f * t) * (0.999999945f - t * 0.934791803f + t2 * (0.319215031f
             - t * 0.0548052368f));      /* the zero at u = 0 and u = 1 is exact */
 
-    *cosine = 2.0f * s * s - 1.0f;
+    *cosine = s * s - c * c;    /* one of length (s * s + c * c), whatever their errors */
     *sine = -2.0f * s * c;
 }
 
@@ -464,7 +474,7 @@ static inline float envsamp__turn(float y, float x)
 
 /* Polar angle over pi, [0, 1], within 1e-7, and its sine, from 1 - cos and 1 + cos of it. The arc
    cosine over the square root of the smaller one is a polynomial in it. */
-static inline float envsamp__polar_fraction(float north, float south, float *sine)
+ENVSAMP__HOT float envsamp__polar_fraction(float north, float south, float *sine)
 {
     float a = ENVSAMP_SQRTF(north), b = ENVSAMP_SQRTF(south), q = a < b ? a : b, t = q * q;
     float t2 = t * t, low = 0.450158207f + t * 0.0375087059f + t2 * (0.00850684985f
@@ -476,7 +486,7 @@ static inline float envsamp__polar_fraction(float north, float south, float *sin
 }
 
 /* 2^x - 1 for 0 <= x < 126, within 1e-7 of 2^x, and of itself below x = 1. */
-static inline float envsamp__exp2m1(double x)
+ENVSAMP__HOT float envsamp__exp2m1(double x)
 {
     int whole = (int)x;
     float f = (float)(x - (double)whole);
@@ -559,7 +569,7 @@ ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_other)
 
 ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v, float dir[3])
 {
-    float cosine_phi, sine_phi, cosine, sine;
+    double cosine_phi, sine_phi, cosine, sine;
 
     dir[0] = dir[1] = dir[2] = 0.0f;
     if (mapping != ENVSAMP_LATLONG && mapping != ENVSAMP_HEMISPHERE)
@@ -568,18 +578,17 @@ ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v, fl
     u -= (float)(int)u;
     v = v > 0.0f ? v : 0.0f;
     v = v < 1.0f ? v : 1.0f;
-    envsamp__cos_sin_turn(u < 0.0f ? u + 1.0f : u, &cosine_phi, &sine_phi);
-    envsamp__cos_sin_turn(mapping == ENVSAMP_LATLONG ? 0.5f * v : 0.25f * v, &cosine, &sine);
-    sine = sine > 0.0f ? sine : 0.0f;
-    dir[0] = cosine_phi * sine;
-    dir[1] = sine_phi * sine;
-    dir[2] = cosine;
+    envsamp__sincos_pi(2.0 * (double)(u < 0.0f ? u + 1.0f : u), &sine_phi, &cosine_phi);
+    envsamp__sincos_pi((mapping == ENVSAMP_LATLONG ? 1.0 : 0.5) * (double)v, &sine, &cosine);
+    dir[0] = (float)(cosine_phi * sine);
+    dir[1] = (float)(sine_phi * sine);
+    dir[2] = (float)cosine;
 }
 
 ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const float dir[3], float uv[2])
 {
-    float r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
-    float turn = envsamp__turn(r, dir[2]);
+    double x = (double)dir[0], y = (double)dir[1];      /* whose squares cannot underflow */
+    float turn = envsamp__turn((float)ENVSAMP_SQRT(x * x + y * y), dir[2]);
 
     uv[0] = envsamp__turn(dir[1], dir[0]);
     uv[0] = uv[0] < 1.0f ? uv[0] : 0.0f;
@@ -678,17 +687,19 @@ ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int bilinear, const 
     envsamp__add_texel(image, x + 1, y + 1, fx * fy, rgb);
 }
 
-/* ---- [lm] nonlinear least squares ------------------------------------------------------------
+/* ============================================================================================
+ * NONLINEAR LEAST SQUARES                                                     [search: @lm]
  *
  * Minimises |f(x)|^2 over n <= 8 parameters. Each iteration solves, inside a trust region,
  *
  *     min |J p + f|^2   subject to   |D p| <= delta
  *
- * where D holds the largest norm seen of each column of J [More 1978, section 6]. In the scaled
- * variables z = D p the Householder QR of J D^-1 leaves an n by n triangle, whose singular value
- * decomposition turns Levenberg's damped system into n separate equations. The damping that meets
- * the step bound, the step and the predicted decrease then cost O(n^2), and a rank-deficient
- * Jacobian needs no case of its own. Normal equations would square the condition number. */
+ * where D holds the largest norm seen of each column of J [5, section 6]. In the scaled variables
+ * z = D p the Householder QR of J D^-1 leaves an n by n triangle, whose singular value
+ * decomposition turns Levenberg's damped system [3] into n separate equations. The damping that
+ * meets the step bound, the step and the predicted decrease then cost O(n^2), and a rank-deficient
+ * Jacobian needs no case of its own. Normal equations would square the condition number.
+ * ========================================================================================== */
 
 enum { ENVSAMP__LM_MAX_PARAMS = 8 };
 
@@ -993,7 +1004,7 @@ static void envsamp__lm_damped(const envsamp__lm *lm, double damping, envsamp__l
 }
 
 /* Newton's correction to the damping, on 1 / |D p| - 1 / delta, which is nearly linear in it
- * [More 1978, section 5, after Hebden]. */
+ * [5, section 5, after Hebden]. */
 static double envsamp__lm_newton(const envsamp__lm *lm, const envsamp__lm_step *step)
 {
     double bend = 0.0;
@@ -1047,7 +1058,7 @@ static void envsamp__lm_move(const envsamp__lm *lm, const envsamp__lm_step *step
 }
 
 /* The new trust radius from the actual decrease, relative to the cost, and its ratio to the
- * predicted one [More 1978, section 4]. A failed step shrinks it to the minimum of the parabola
+ * predicted one [5, section 4]. A failed step shrinks it to the minimum of the parabola
  * through the slope and the two costs, but to between a tenth and a half. */
 static void envsamp__lm_resize(envsamp__lm *lm, const envsamp__lm_step *step, double actual,
                                double ratio)
@@ -1792,8 +1803,8 @@ static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
     return gain;
 }
 
-/* Moves the entry at the top down to its place. Four children a node: half the depth, and half
-   the cache misses, of two. */
+/* Moves the entry at the top down to its place. Each has four children, which share a cache line
+   or two. */
 static void envsamp__heap_settle(envsamp__tree *tree)
 {
     envsamp__heap_entry entry = tree->heap[0];
@@ -1923,12 +1934,19 @@ static inline double envsamp__model_gamma(double beta)
     return gamma < 1e-6 && gamma > -1e-6 ? 0.0 : gamma;
 }
 
-/* G at x. */
+/* G at x plus a constant: bins are differences of this, which does not cancel where the power
+   falls steeply. */
 static inline double envsamp__model_g(double gamma, double x_over_alpha)
 {
     double log_ratio = envsamp__log2(1.0 + x_over_alpha);
 
-    return gamma == 0.0 ? log_ratio : (envsamp__exp2(gamma * log_ratio) - 1.0) / gamma;
+    return gamma == 0.0 ? log_ratio : envsamp__exp2(gamma * log_ratio) / gamma;
+}
+
+/* G(x) - G(0). */
+static inline double envsamp__model_mass(double gamma, double x_over_alpha)
+{
+    return envsamp__model_g(gamma, x_over_alpha) - (gamma == 0.0 ? 0.0 : 1.0 / gamma);
 }
 
 /* The inverse of G: log2(1 + x/alpha). */
@@ -1937,22 +1955,29 @@ static inline double envsamp__model_log_ratio(double gamma, double g)
     return gamma == 0.0 ? g : envsamp__log2(1.0 + gamma * g) / gamma;
 }
 
+#define ENVSAMP__BETA_MIN (-4.0)
+#define ENVSAMP__BETA_MAX 8.0
+
 /* Where parameters (log2 alpha, beta) still compute: alpha = 1000 n is a flat model. */
 static int envsamp__fit_in_range(const envsamp__fit *fit, const double *param)
 {
     return param[0] >= ENVSAMP__LOG2_ALPHA_MIN
         && param[0] <= 10.0 + envsamp__log2((double)fit->count)
-        && (fit->model == ENVSAMP_KD_LOG || (param[1] >= -4.0 && param[1] <= 8.0));
+        && (fit->model == ENVSAMP_KD_LOG || (param[1] >= ENVSAMP__BETA_MIN
+                                              && param[1] <= ENVSAMP__BETA_MAX));
 }
 
-/* The objective at a point; with its residuals, unless those are NULL. */
+/* The objective at a point, DBL_MAX out of range; with its residuals, unless those are NULL. */
 static double envsamp__fit_cost(const envsamp__fit *fit, const double *param, double *residual)
 {
     double gamma = fit->model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(param[1]);
-    double inverse_alpha = envsamp__exp2(-param[0]), low = 0.0, cost = 0.0;
-    double scale = 1.0 / envsamp__model_g(gamma, (double)fit->count * inverse_alpha);
+    double inverse_alpha, low = envsamp__model_g(gamma, 0.0), cost = 0.0, scale;
     int k;
 
+    if (!envsamp__fit_in_range(fit, param))
+        return DBL_MAX;
+    inverse_alpha = envsamp__exp2(-param[0]);
+    scale = 1.0 / envsamp__model_mass(gamma, (double)fit->count * inverse_alpha);
     for (k = 0; k < fit->count; k++) {
         double high = envsamp__model_g(gamma, (double)(k + 1) * inverse_alpha);
         double bin = (high - low) * scale, target = fit->target[k], error = target - bin;
@@ -1975,10 +2000,8 @@ static void envsamp__fit_residuals(const double *param, double *residual, void *
 {
     const envsamp__fit *fit = (const envsamp__fit *)user;
 
-    if (envsamp__fit_in_range(fit, param))
-        envsamp__fit_cost(fit, param, residual);
-    else
-        residual[0] = DBL_MAX;     /* its square is infinite */
+    if (envsamp__fit_cost(fit, param, residual) == DBL_MAX)
+        residual[0] = DBL_MAX;      /* its square is infinite: the solver turns back */
 }
 
 static void envsamp__fit_keep(envsamp__fit_point *best, double cost, const double *param)
@@ -2062,8 +2085,8 @@ static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
         double cost;
 
         param[0] = ENVSAMP__LOG2_ALPHA_MIN + step * (double)i;
-        more = envsamp__fit_in_range(fit, param);
-        cost = more ? envsamp__fit_cost(fit, param, NULL) : DBL_MAX;
+        cost = envsamp__fit_cost(fit, param, NULL);
+        more = cost < DBL_MAX;
         param[0] -= step;
         if (i > 0 && last <= before && last <= cost
             && last < starts[ENVSAMP__FIT_STARTS - 1].cost) {
@@ -2443,7 +2466,7 @@ typedef struct envsamp__choice { uint32_t block; float fx; } envsamp__choice;
 /* The leading bits of u0 are the bin, the number that they lead decides for its own block or its
    alias, and where that lies among the draws of the chosen one is the position in azimuth. The
    lower half of u1 continues it. */
-static inline envsamp__choice envsamp__alias_choose(const envsamp_kd *kd, float u0, float u1)
+ENVSAMP__HOT envsamp__choice envsamp__alias_choose(const envsamp_kd *kd, float u0, float u1)
 {
     uint32_t draw = (uint32_t)(int)(u0 * ENVSAMP__UNIT), bin = draw >> kd->alias_shift;
     const envsamp__bin *entry = envsamp__kd_alias(kd) + bin;
@@ -2461,15 +2484,15 @@ static inline envsamp__choice envsamp__alias_choose(const envsamp_kd *kd, float 
 
 /* How far into a bin the model's mass has come at the fraction f of it: the density falls inside a
    bin, so this is not f. a is alpha plus the bin's index. */
-static inline float envsamp__fit_position(const envsamp_kd *kd, float f, float a)
+ENVSAMP__HOT float envsamp__fit_position(const envsamp_kd *kd, float f, float a)
 {
     float w = f / (2.0f * a + f), v = 1.0f / (2.0f * a + 1.0f), t = w * w, s = v * v;
 
     if (kd->model == ENVSAMP_KD_POWER || a < 1.0f) {
         double gamma = envsamp__model_gamma(kd->beta), step = 1.0 / (double)a;
 
-        return (float)(envsamp__model_g(gamma, (double)f * step)
-                       / envsamp__model_g(gamma, step));
+        return (float)(envsamp__model_mass(gamma, (double)f * step)
+                       / envsamp__model_mass(gamma, step));
     }
     /* log(1 + f/a) / log(1 + 1/a) = atanh w / atanh v, both series within 2e-6 */
     return (2.0f * a + 1.0f) * w
@@ -2478,7 +2501,7 @@ static inline float envsamp__fit_position(const envsamp_kd *kd, float f, float a
 }
 
 /* x = P^-1(u0) [1, equation 8]; the block is its whole part. */
-static inline envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0)
+ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0)
 {
     double g = (double)u0 * kd->fit_total;
     envsamp__choice choice;
@@ -2488,6 +2511,7 @@ static inline envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0
     if (kd->model == ENVSAMP_KD_POWER)
         g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta), g);
     x = kd->fit_alpha * envsamp__exp2m1(g);
+    x = x > 0.0f ? x : 0.0f;
     x = x < kd->fit_end ? x : kd->fit_end;
     x_whole = (int)x;
     choice.block = (uint32_t)x_whole;
@@ -2496,7 +2520,7 @@ static inline envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0
 }
 
 /* The point of a chosen block at u1 of its solid angle from its upper edge. */
-static inline envsamp_sample envsamp__block_point(const envsamp_kd *kd, envsamp__choice choice,
+ENVSAMP__HOT envsamp_sample envsamp__block_point(const envsamp_kd *kd, envsamp__choice choice,
                                                   float u1)
 {
     const envsamp__bounds b = envsamp__kd_bounds(kd)[choice.block];
@@ -2680,7 +2704,7 @@ static void envsamp__choose_fit(envsamp__kd_work *work, envsamp_kd *kd)
     const envsamp__tree *tree = &work->tree;
     envsamp__fit fit;
     envsamp__fit_point best;
-    double *key = work->probability, total = 0.0, gamma, low = 0.0, error;
+    double *key = work->probability, total = 0.0, gamma, low, error;
     int chi2 = work->desc.objective == ENVSAMP_KD_CHI2, i;
 
     fit.model = work->desc.model;
@@ -2708,8 +2732,9 @@ static void envsamp__choose_fit(envsamp__kd_work *work, envsamp_kd *kd)
     kd->alpha = envsamp__exp2(best.param[0]);
     kd->beta = fit.model == ENVSAMP_KD_LOG ? 1.0 : best.param[1];
     kd->drawn_count = (uint32_t)fit.count;
-    kd->fit_total = envsamp__model_g(gamma, (double)fit.count / kd->alpha);
+    kd->fit_total = envsamp__model_mass(gamma, (double)fit.count / kd->alpha);
     kd->l1 = 0.0;
+    low = envsamp__model_g(gamma, 0.0);
     for (i = 0; i < tree->block_count; i++) {
         double high = i < fit.count ? envsamp__model_g(gamma, (double)(i + 1) / kd->alpha) : low;
 
@@ -2738,6 +2763,8 @@ static void envsamp__write_blocks(const envsamp__kd_work *work, envsamp_kd *kd)
         bounds[i].x1 = (uint16_t)b->x1;
         bounds[i].y1 = (uint16_t)b->y1;
         pdf[i] = (float)(probability / sr);
+        if (probability > 0.0 && pdf[i] < FLT_MIN)
+            pdf[i] = FLT_MIN;           /* a steep fit: lit, so not zero */
         if (probability > 0.0) {
             double ratio = (double)b->whole.max * sr / (probability * kd->integral);
 
@@ -2886,15 +2913,16 @@ static int envsamp__kd_header_valid(const envsamp_kd *kd, size_t bytes)
     return !memcmp(&layout, kd, sizeof layout);
 }
 
-static int envsamp__finite(double value)
-{
-    return value >= -DBL_MAX && value <= DBL_MAX;
-}
-
+/* A model whose numbers agree: then every u0 inverts to a block. */
 static int envsamp__kd_fit_valid(const envsamp_kd *kd)
 {
-    return kd->alpha > 1e-9 && kd->alpha < 1e12 && envsamp__finite(kd->beta) && kd->beta > -8.0
-        && kd->beta < 16.0 && kd->fit_total > 0.0 && envsamp__finite(kd->fit_total);
+    double total;
+
+    if (!(kd->alpha > 1e-9 && kd->alpha < 1e12 && kd->beta >= ENVSAMP__BETA_MIN
+          && kd->beta <= ENVSAMP__BETA_MAX && (kd->model == ENVSAMP_KD_POWER || kd->beta == 1.0)))
+        return 0;
+    total = envsamp__model_mass(envsamp__model_gamma(kd->beta), kd->drawn_count / kd->alpha);
+    return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);
 }
 
 /* Rows that give finite directions, blocks inside the map, finite densities. */
@@ -2978,16 +3006,21 @@ ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd)
     return kd->bytes;
 }
 
-ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0, float u1)
+ENVSAMP__HOT envsamp_sample envsamp__kd_sample(const envsamp_kd *kd, float u0, float u1)
 {
     envsamp__choice choice;
 
-    ENVSAMP_ASSERT(kd);
     u0 = envsamp__clamp_unit(u0);
     u1 = envsamp__clamp_unit(u1);
     choice = kd->select == ENVSAMP_KD_ALIAS ? envsamp__alias_choose(kd, u0, u1)
                                             : envsamp__fit_choose(kd, u0);
     return envsamp__block_point(kd, choice, u1);
+}
+
+ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0, float u1)
+{
+    ENVSAMP_ASSERT(kd);
+    return envsamp__kd_sample(kd, u0, u1);
 }
 
 ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3])
@@ -3014,7 +3047,7 @@ ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float
     size_t i;
 
     for (i = 0; i < n; i++) {
-        envsamp_sample s = envsamp_kd_sample(kd, u0[i], u1[i]);
+        envsamp_sample s = envsamp__kd_sample(kd, u0[i], u1[i]);
 
         x[i] = s.dir[0];
         y[i] = s.dir[1];
@@ -3077,9 +3110,44 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
     return ENVSAMP_OK;
 }
 
-
 #ifdef __cplusplus
 }
 #endif
 
 #endif /* ENVSAMP_IMPLEMENTATION */
+
+/*
+This software is available under two licences: choose the one you prefer.
+
+------------------------------------------------------------------------------
+ALTERNATIVE A - MIT License
+
+Copyright (c) 2026 the envsamp.h authors
+
+Permission is hereby granted, free of charge, to any person obtaining a copy of
+this software and associated documentation files (the "Software"), to deal in
+the Software without restriction, including without limitation the rights to
+use, copy, modify, merge, publish, distribute, sublicense, and/or sell copies of
+the Software, and to permit persons to whom the Software is furnished to do so,
+subject to the following conditions:
+
+The above copyright notice and this permission notice shall be included in all
+copies or substantial portions of the Software.
+
+THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR
+IMPLIED, INCLUDING BUT NOT LIMITED TO THE WARRANTIES OF MERCHANTABILITY, FITNESS
+FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE AUTHORS OR
+COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER
+IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM, OUT OF OR IN
+CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
+
+------------------------------------------------------------------------------
+ALTERNATIVE B - Public Domain
+
+Anyone is free to copy, modify, publish, use, compile, sell, or distribute this
+software, in source or binary form, for any purpose, commercial or
+non-commercial, and by any means. The authors dedicate all copyright interest in
+it to the public domain, for the benefit of the public at large and to the
+detriment of their heirs and successors, as a permanent relinquishment of all
+present and future rights under copyright law. No warranty of any kind is given.
+*/

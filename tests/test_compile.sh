@@ -1,0 +1,357 @@
+#!/bin/sh
+# How envsamp.h compiles, links and exports, in C and C++, and that the README's program does.
+# Prints TAP. CC and CXX name the compilers to try besides gcc and clang.
+cd "$(dirname "$0")/.." || exit 1
+root=$(pwd)
+header=$root/envsamp.h
+cc=${CC:-cc}
+cxx=${CXX:-c++}
+work=$(mktemp -d) || exit 1
+trap 'rm -rf "$work"' EXIT
+trap 'exit 1' HUP INT TERM
+
+strict="-Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Wdouble-promotion"
+strict="$strict -Wcast-qual -Werror -I$root"
+strict_c="$strict -Wstrict-prototypes -Wmissing-prototypes"
+count=0
+failures=0
+
+# check NAME COMMAND...: a test point; what a failing command prints becomes a comment.
+check()
+{
+    count=$((count + 1))
+    name=$1
+    shift
+    if "$@" >"$work/log" 2>&1; then
+        echo "ok $count - $name"
+    else
+        echo "not ok $count - $name"
+        sed 's/^/#   /' "$work/log" | head -20
+        failures=$((failures + 1))
+    fi
+}
+
+skip()
+{
+    count=$((count + 1))
+    echo "ok $count # SKIP $1"
+}
+
+have()
+{
+    command -v "$1" >/dev/null 2>&1
+}
+
+# ---- sources ----
+
+cat >"$work/implementation.c" <<'END'
+#define ENVSAMP_IMPLEMENTATION
+#include "envsamp.h"
+END
+cat >"$work/declarations.c" <<'END'
+#include "envsamp.h"
+#include "envsamp.h"
+int main(void);
+int main(void) { return envsamp_result_string(ENVSAMP_OK)[0] == 0; }
+END
+cat >"$work/other.c" <<'END'
+#include "envsamp.h"
+extern float other(const float dir[3]);
+float other(const float dir[3])
+{
+    float uv[2];
+
+    envsamp_dir_to_uv(ENVSAMP_LATLONG, dir, uv);
+    return uv[0];
+}
+END
+cat >"$work/twice.c" <<'END'
+#include "envsamp.h"
+#define ENVSAMP_IMPLEMENTATION
+#include "envsamp.h"
+#include "envsamp.h"
+END
+cat >"$work/static.c" <<'END'
+#define ENVSAMP_STATIC
+#define ENVSAMP_IMPLEMENTATION
+#include "envsamp.h"
+int main(void);
+int main(void) { return envsamp_result_string(ENVSAMP_OK)[0] == 0; }
+END
+cat >"$work/own_math.c" <<'END'
+#ifdef __cplusplus
+extern "C" {
+#endif
+extern double own_sqrt(double x);
+extern float own_sqrtf(float x);
+extern float own_fabsf(float x);
+extern float own_copysignf(float x, float y);
+extern void own_assert(int holds);
+#ifdef __cplusplus
+}
+#endif
+#define ENVSAMP_SQRT(x) own_sqrt(x)
+#define ENVSAMP_SQRTF(x) own_sqrtf(x)
+#define ENVSAMP_FABSF(x) own_fabsf(x)
+#define ENVSAMP_COPYSIGNF(x, y) own_copysignf(x, y)
+#define ENVSAMP_ASSERT(x) own_assert(!!(x))
+#define ENVSAMP_IMPLEMENTATION
+#include "envsamp.h"
+#if defined(assert) || defined(HUGE_VAL) || defined(FP_NAN)
+#error "math.h or assert.h came along"
+#endif
+END
+cat >"$work/no_stdio.c" <<'END'
+#define ENVSAMP_IMPLEMENTATION
+#include "envsamp.h"
+#ifdef BUFSIZ
+#error "stdio.h came along"
+#endif
+END
+
+# ---- compilers and standards ----
+
+# standards STANDARD...: all checks in the first one, the two that matter in the others.
+standards()
+{
+    for standard in "$@"; do
+        for source in implementation declarations; do
+            check "$compiler $standard: $source" compile "$source" -O2
+        done
+    done
+    standard=$1
+    check "$compiler $standard: without assert" compile implementation -O3 -DNDEBUG
+    check "$compiler $standard: ENVSAMP_STATIC, and most of it unused" compile static -O1
+    check "$compiler $standard: own square roots and assert" compile own_math -O1
+    check "$compiler $standard: without stdio.h" compile no_stdio -O1
+}
+
+# compile SOURCE FLAG...
+compile()
+{
+    source=$1
+    shift
+    $compiler -x "$language" "-std=$standard" $flags "$@" -c "$work/$source.c" -o "$work/a.o"
+}
+
+# untried COMPILER: whether it is not one that was tried under another name.
+untried()
+{
+    banner=$(${1%% *} --version 2>/dev/null | sed '1s/^[^ ]* //; q')
+    case $tried in *"<$banner>"*) return 1 ;; esac
+    tried="$tried<$banner>"
+}
+
+# try_compilers LANGUAGE FLAGS "STANDARDS" COMPILER...
+try_compilers()
+{
+    language=$1 flags=$2 wanted=$3
+    tried=
+    shift 3
+    for compiler in "$@"; do
+        if ! have "${compiler%% *}"; then
+            skip "no $compiler"
+        elif untried "$compiler"; then
+            standards $wanted
+        fi
+    done
+}
+
+try_compilers c "$strict_c" "c99 c11 c17" "$cc" gcc clang
+try_compilers c++ "$strict" "c++11 c++17 c++20" "$cxx" g++ clang++
+
+# ---- linking ----
+
+link_two()
+{
+    $cc -std=c99 -I"$root" -c "$work/declarations.c" -o "$work/declarations.o" &&
+        $cc -std=c99 -I"$root" -c "$work/other.c" -o "$work/other.o" &&
+        $cc -std=c99 -I"$root" -c "$1" -o "$work/linked.o" &&
+        $cc "$work/declarations.o" "$work/other.o" "$work/linked.o" -lm -o "$work/linked" &&
+        "$work/linked"
+}
+
+link_mixed()
+{
+    $cc -std=c99 -I"$root" -c "$work/implementation.c" -o "$work/linked.o" &&
+        $cxx -x c++ -std=c++11 -I"$root" -c "$work/declarations.c" -o "$work/mixed.o" &&
+        $cxx "$work/mixed.o" "$work/linked.o" -lm -o "$work/mixed" && "$work/mixed"
+}
+
+link_static()
+{
+    $cc -std=c99 -I"$root" -c "$work/static.c" -o "$work/static.o" &&
+        ! nm -g --defined-only "$work/static.o" | awk '$3 != "main"' | grep .
+}
+
+check "the implementation and two users link" link_two "$work/implementation.c"
+check "so they do where it was included before and after" link_two "$work/twice.c"
+if have "${cxx%% *}"; then
+    check "C++ calls what C compiled" link_mixed
+else
+    skip "no $cxx"
+fi
+
+# ---- symbols ----
+
+$cc -std=c99 -O2 -I"$root" -c "$work/implementation.c" -o "$work/implementation.o"
+$cc -std=c99 -O2 -DNDEBUG -I"$root" -c "$work/implementation.c" -o "$work/release.o"
+$cc -std=c99 -O2 -I"$root" -c "$work/own_math.c" -o "$work/own_math.o"
+
+only_own_exports()
+{
+    [ -s "$work/implementation.o" ] &&
+        ! nm -g --defined-only "$work/implementation.o" | awk '{ print $3 }' |
+            grep -v '^envsamp_[a-z]'
+}
+
+# Nothing writable, so no globals.
+no_writable_data()
+{
+    [ -s "$work/implementation.o" ] &&
+        ! nm "$work/implementation.o" | grep -i ' [bcdgs] '
+}
+
+# undefined_only OBJECT EXTENDED-REGEXP
+undefined_only()
+{
+    [ -s "$1" ] && ! nm -u "$1" | awk '{ print $2 }' |
+        grep -Ev "^(__)?mem(cpy|set|move|cmp)(_chk)?\$|^_GLOBAL_OFFSET_TABLE_\$|^($2)\$"
+}
+
+if have nm; then
+    check "only envsamp_ names are exported" only_own_exports
+    check "there is no writable data" no_writable_data
+    check "mem functions, sqrt and assert are all that is linked" \
+        undefined_only "$work/implementation.o" 'sqrtf?|__assert_fail|__assert_rtn|__stack_chk_fail'
+    check "no assert with NDEBUG" undefined_only "$work/release.o" 'sqrtf?|__stack_chk_fail'
+    check "own square roots and assert replace libm's" \
+        undefined_only "$work/own_math.o" 'own_(sqrtf?|fabsf|copysignf|assert)|__stack_chk_fail'
+    check "ENVSAMP_STATIC exports nothing" link_static
+else
+    skip "no nm"
+fi
+
+# ---- stack ----
+
+# A call nests a handful of functions, so no one of them may have more than the whole allowance.
+stack_below()
+{
+    (cd "$work" && gcc -std=c99 "$2" -fstack-usage -I"$root" -c implementation.c -o stack.o) &&
+        [ -s "$work/stack.su" ] &&
+        ! awk -F '\t' -v most="$1" '$2 > most || $3 ~ /^dynamic$/' "$work/stack.su" | grep .
+}
+
+if have gcc; then
+    for level in -O0 -O2 -O3; do
+        check "no function has more than 8 KiB of stack at $level" stack_below 8192 "$level"
+    done
+else
+    skip "no gcc for its stack usage"
+fi
+
+# ---- the text ----
+
+no_long_lines()
+{
+    ! awk 'length($0) > 100 { print FILENAME ": " FNR ": " length($0) " columns" }' "$header" |
+        grep .
+}
+
+no_tabs()
+{
+    ! grep -n "$(printf '\t')\|[[:space:]]\$" "$header"
+}
+
+check "no line has more than 100 columns" no_long_lines
+check "no tabs and no blanks at the ends of lines" no_tabs
+
+# ---- the contract ----
+
+# Each function as a pointer of its documented type, taken where only declarations are seen.
+while read -r name type; do
+    [ -n "$name" ] || continue
+    {
+        echo "#include \"envsamp.h\""
+        echo "typedef envsamp_kd kd; typedef envsamp_image im; typedef envsamp_kd_desc de;"
+        echo "typedef envsamp_result re; typedef const float cf;"
+        echo "typedef envsamp_buffer bu; typedef envsamp_mapping ma;"
+        echo "extern int use(void);"
+        echo "int use(void) { $type = $name; return p != 0; }"
+    } >"$work/contract.c"
+    check "$name is declared as promised" $cc -std=c99 -Wall -Werror -Wno-address \
+        -I"$root" -c "$work/contract.c" -o "$work/a.o"
+done <<'END'
+envsamp_result_string const char *(*p)(re)
+envsamp_uv_to_dir void (*p)(ma, float, float, float *)
+envsamp_dir_to_uv void (*p)(ma, cf *, float *)
+envsamp_luminance float (*p)(cf *)
+envsamp_mis_power float (*p)(float, float)
+envsamp_lookup void (*p)(const im *, int, cf *, float *)
+envsamp_kd_defaults de (*p)(void)
+envsamp_kd_sizes re (*p)(const im *, const de *, envsamp_sizes *)
+envsamp_kd_build re (*p)(const im *, const de *, bu, bu, const kd **)
+envsamp_kd_open re (*p)(const void *, size_t, const kd **)
+envsamp_kd_bytes size_t (*p)(const kd *)
+envsamp_kd_sample envsamp_sample (*p)(const kd *, float, float)
+envsamp_kd_pdf float (*p)(const kd *, cf *)
+envsamp_kd_invert int (*p)(const kd *, cf *, float *)
+envsamp_kd_sample_n void (*p)(const kd *, size_t, cf *, cf *, float *, float *, float *, float *)
+envsamp_kd_pdf_n void (*p)(const kd *, size_t, cf *, cf *, cf *, float *)
+envsamp_kd_get_info re (*p)(const kd *, envsamp_kd_info *)
+envsamp_kd_get_block re (*p)(const kd *, int, envsamp_kd_block *)
+envsamp_lm_scratch_bytes size_t (*p)(const envsamp_lm_desc *)
+envsamp_lm re (*p)(const envsamp_lm_desc *, envsamp_lm_fn, void *, double *, bu, envsamp_lm_info *)
+END
+
+# Numbers that tables, files and other languages may hold.
+cat >"$work/values.c" <<'END'
+#include "envsamp.h"
+#define SAME(name, condition) extern int name[(condition) ? 1 : -1]
+SAME(results, ENVSAMP_OK == 0 && ENVSAMP_ERR_NULL == 1 && ENVSAMP_ERR_SIZE == 2
+     && ENVSAMP_ERR_PARAM == 3 && ENVSAMP_ERR_VALUE == 4 && ENVSAMP_ERR_BLACK == 5
+     && ENVSAMP_ERR_MEMORY == 6 && ENVSAMP_ERR_ALIGN == 7 && ENVSAMP_ERR_FORMAT == 8);
+SAME(mappings, ENVSAMP_LATLONG == 0 && ENVSAMP_HEMISPHERE == 1 && ENVSAMP_OCTAHEDRAL == 2);
+SAME(selects, ENVSAMP_KD_WARP == 0 && ENVSAMP_KD_ALIAS == 1 && ENVSAMP_KD_FIT == 2);
+SAME(criteria, ENVSAMP_KD_SSE == 0 && ENVSAMP_KD_VARIANCE == 1 && ENVSAMP_KD_RANGE == 2
+     && ENVSAMP_KD_EXCESS == 3);
+SAME(models, ENVSAMP_KD_LOG == 0 && ENVSAMP_KD_POWER == 1);
+SAME(objectives, ENVSAMP_KD_L1 == 0 && ENVSAMP_KD_CHI2 == 1 && ENVSAMP_ALIGN == 16);
+SAME(sample, sizeof(envsamp_sample) == 24 && offsetof(envsamp_sample, pdf) == 12);
+SAME(block, sizeof(envsamp_kd_block) == 24 && offsetof(envsamp_kd_block, probability) == 20);
+END
+check "enumerators and structures have their values" $cc -std=c99 -Wall -Werror -I"$root" \
+    -c "$work/values.c" -o "$work/a.o"
+
+# ---- the README's program ----
+
+first_block()
+{
+    awk '/^```/ { if (inside) exit; if ($0 == "```c") { inside = 1; next } } inside' "$1"
+}
+
+readme_equals()
+{
+    [ -f "$root/README.md" ] && [ -f "$root/examples/quickstart.c" ] || return 1
+    first_block "$root/README.md" >"$work/block.c"
+    [ -s "$work/block.c" ] && diff "$work/block.c" "$root/examples/quickstart.c"
+}
+
+quickstart_runs()
+{
+    $cc -std=c99 $strict_c "$root/examples/quickstart.c" -lm -o "$work/quickstart" &&
+        "$work/quickstart"
+}
+
+check "examples/quickstart.c is there" test -f "$root/examples/quickstart.c"
+check "quickstart compiles and runs as C" quickstart_runs
+if have "${cxx%% *}"; then
+    check "quickstart compiles as C++" $cxx -x c++ -std=c++11 $strict \
+        -c "$root/examples/quickstart.c" -o "$work/a.o"
+else
+    skip "no $cxx"
+fi
+check "the README's first block of C is that file" readme_equals
+
+echo "1..$count"
+[ "$failures" -eq 0 ]

@@ -1,0 +1,443 @@
+/* test_kd_table.c: the table as bytes: its exact size, copies, files, damage.
+ *
+ *     test_kd_table [PATH]       the scratch file, by default build/test_kd_table.bin
+ */
+#include "check.h"
+
+#define ENVSAMP_IMPLEMENTATION
+#include "../envsamp.h"
+
+#include "kd_fixture.h"
+#include "../examples/common/maps.h"
+#include "../examples/common/random.h"
+
+#include <float.h>
+
+#define KINDS 4
+
+static const char *const kind_names[KINDS] = { "ALIAS", "FIT LOG", "FIT POWER", "ALIAS, 1 block" };
+
+static envsamp_kd_desc kind_desc(int kind, int blocks)
+{
+    envsamp_kd_desc desc = kd_desc(kind == 3 ? 1 : blocks,
+                                   kind % 3 ? ENVSAMP_KD_FIT : ENVSAMP_KD_ALIAS);
+
+    desc.model = kind == 2 ? ENVSAMP_KD_POWER : ENVSAMP_KD_LOG;
+    return desc;
+}
+
+static void build_kind(kd_fixture *f, int kind, const char *name, int width, int height, int blocks)
+{
+    const envsamp_kd_desc desc = kind_desc(kind, blocks);
+    envsamp_image view;
+    image map;
+
+    map_make(name, width, height, &map);
+    view = kd_image(map.rgb, width, height, 3);
+    kd_fixture_build(f, &view, &desc);
+    CHECK(f->kd && kd_fixture_intact(f), "%s: %s, %dx%d, %d blocks, %lu bytes", kind_names[kind],
+          name, width, height, f->info.block_count,
+          (unsigned long)(f->kd ? envsamp_kd_bytes(f->kd) : 0));
+    image_free(&map);
+}
+
+/* What `count` samples and densities come to: any bit that differs changes it. */
+static uint32_t fingerprint(const envsamp_kd *kd, int count)
+{
+    pcg32 random = pcg32_make(61, 0);
+    uint32_t print = 0, words[sizeof(envsamp_sample) / 4];
+    int i, w;
+
+    for (i = 0; i < count; i++) {
+        const float u0 = pcg32_float(&random), u1 = pcg32_float(&random);
+        envsamp_sample s = envsamp_kd_sample(kd, u0, u1);
+
+        memcpy(words, &s, sizeof words);
+        for (w = 0; w < (int)(sizeof words / 4); w++)
+            print = hash_combine(print, words[w]);
+        s.pdf = envsamp_kd_pdf(kd, s.dir);
+        memcpy(words, &s.pdf, sizeof(float));
+        print = hash_combine(print, words[0]);
+    }
+    return print;
+}
+
+/* Blocks and facts too. */
+static uint32_t whole_fingerprint(const envsamp_kd *kd)
+{
+    uint32_t print = fingerprint(kd, 5000), word;
+    envsamp_kd_block block;
+    envsamp_kd_info info;
+    int i;
+
+    memset(&info, 0, sizeof info);
+    envsamp_kd_get_info(kd, &info);
+    for (i = 0; i < info.block_count; i++) {
+        envsamp_kd_get_block(kd, i, &block);
+        memcpy(&word, &block.probability, sizeof word);
+        print = hash_combine(print, word);
+    }
+    memcpy(&word, &info.integral, sizeof word);
+    return hash_combine(print, word);
+}
+
+/* ---- sizes ---- */
+
+static int build_with(const kd_fixture *f, envsamp_buffer table, envsamp_buffer scratch,
+                      envsamp_result expected)
+{
+    const envsamp_kd *kd = f->kd;
+    const envsamp_result result = envsamp_kd_build(&f->image, &f->desc, table, scratch, &kd);
+
+    return result == expected && !kd == (expected != ENVSAMP_OK) && kd_fixture_intact(f);
+}
+
+static void test_exact_sizes(int kind, int width, int height, int blocks)
+{
+    envsamp_kd_desc desc = kind_desc(kind, blocks);
+    envsamp_image view;
+    envsamp_buffer table, scratch;
+    const envsamp_kd *kd;
+    image map;
+    kd_fixture f;
+
+    map_make("foliage", width, height, &map);
+    view = kd_image(map.rgb, width, height, 3);
+    kd_fixture_build(&f, &view, &desc);
+    CHECK(f.kd && kd_fixture_intact(&f), "%s, %dx%d, %d blocks: %lu and %lu bytes are enough",
+          kind_names[kind], width, height, f.info.block_count,
+          (unsigned long)f.sizes.table_bytes, (unsigned long)f.sizes.scratch_bytes);
+    CHECK(f.kd && envsamp_kd_bytes(f.kd) <= f.sizes.table_bytes, "the table is no larger");
+    table = f.table.buffer;
+    scratch = f.scratch.buffer;
+    memset(table.data, 0x3c, table.bytes);
+    table.bytes--;
+    CHECK(build_with(&f, table, scratch, ENVSAMP_ERR_MEMORY), "one byte of table less is refused");
+    CHECK(envsamp_kd_open(table.data, f.table.buffer.bytes, &kd) == ENVSAMP_ERR_FORMAT && !kd,
+          "and leaves no table");
+    scratch.bytes--;
+    table.bytes++;
+    CHECK(build_with(&f, table, scratch, ENVSAMP_ERR_MEMORY), "one byte of scratch less too");
+    table.bytes = 0;
+    CHECK(build_with(&f, table, f.scratch.buffer, ENVSAMP_ERR_MEMORY), "no bytes at all");
+    CHECK(build_with(&f, f.table.buffer, f.scratch.buffer, ENVSAMP_OK), "and all bytes build");
+    kd_fixture_free(&f);
+    image_free(&map);
+}
+
+/* ---- copies ---- */
+
+static void test_copies(int kind)
+{
+    kd_fixture f;
+    kd_guarded copy;
+    const envsamp_kd *kd = NULL;
+    uint32_t print;
+    size_t bytes;
+
+    build_kind(&f, kind, "sky", 256, 128, 900);
+    print = whole_fingerprint(f.kd);
+    bytes = envsamp_kd_bytes(f.kd);
+    memset(f.scratch.buffer.data, 0xee, f.scratch.buffer.bytes);
+    CHECK(whole_fingerprint(f.kd) == print, "scratch may be overwritten");
+    copy = kd_guarded_make(bytes + 16, 0x11);
+    memcpy(copy.buffer.data, f.kd, bytes);
+    CHECK(envsamp_kd_open(copy.buffer.data, bytes, &kd) == ENVSAMP_OK && kd, "a copy opens");
+    CHECK(envsamp_kd_open(copy.buffer.data, bytes + 16, &kd) == ENVSAMP_OK && kd,
+          "in a larger buffer too");
+    memset(f.table.buffer.data, 0, f.table.buffer.bytes);
+    CHECK(kd && envsamp_kd_bytes(kd) == bytes && whole_fingerprint(kd) == print,
+          "and samples the same bits when the first is gone");
+    memmove((char *)copy.buffer.data + 16, copy.buffer.data, bytes);
+    CHECK(envsamp_kd_open((char *)copy.buffer.data + 16, bytes, &kd) == ENVSAMP_OK && kd
+          && whole_fingerprint(kd) == print, "so it does 16 bytes further on");
+    CHECK(kd_guarded_intact(&copy), "opening and sampling write nothing");
+    free(copy.block);
+    kd_fixture_free(&f);
+}
+
+static int write_file(const char *path, const void *bytes, size_t count)
+{
+    FILE *stream = fopen(path, "wb");
+    const int wrote = stream && fwrite(bytes, 1, count, stream) == count;
+
+    return stream && fclose(stream) == 0 && wrote;
+}
+
+static int read_file(const char *path, void *bytes, size_t count)
+{
+    FILE *stream = fopen(path, "rb");
+    const int got = stream && fread(bytes, 1, count, stream) == count;
+
+    return stream && fclose(stream) == 0 && got;
+}
+
+static void test_file(const char *path, int kind)
+{
+    kd_fixture f;
+    kd_guarded copy;
+    const envsamp_kd *kd = NULL;
+    size_t bytes;
+
+    build_kind(&f, kind, "night", 128, 64, 400);
+    bytes = envsamp_kd_bytes(f.kd);
+    copy = kd_guarded_make(bytes, 0);
+    CHECK(write_file(path, f.kd, bytes) && read_file(path, copy.buffer.data, bytes),
+          "a table goes through %s", path);
+    CHECK(envsamp_kd_open(copy.buffer.data, bytes, &kd) == ENVSAMP_OK && kd
+          && whole_fingerprint(kd) == whole_fingerprint(f.kd), "and is the same");
+    remove(path);
+    free(copy.block);
+    kd_fixture_free(&f);
+}
+
+static void test_open_errors(void)
+{
+    kd_fixture f;
+    kd_guarded copy;
+    const envsamp_kd *kd;
+    size_t bytes;
+    int i, refused = 0;
+
+    build_kind(&f, 0, "studio", 32, 16, 20);
+    bytes = envsamp_kd_bytes(f.kd);
+    kd = f.kd;
+    CHECK(envsamp_kd_open(NULL, bytes, &kd) == ENVSAMP_ERR_NULL && !kd, "nothing to open");
+    CHECK(envsamp_kd_open(f.kd, bytes, NULL) == ENVSAMP_ERR_NULL, "nowhere to put it");
+    copy = kd_guarded_make(bytes + 16, 0);
+    for (i = 1; i < 16; i++) {
+        memcpy((char *)copy.buffer.data + i, f.kd, bytes);
+        kd = f.kd;
+        refused += envsamp_kd_open((char *)copy.buffer.data + i, bytes, &kd) == ENVSAMP_ERR_ALIGN
+                && !kd;
+    }
+    CHECK(refused == 15, "a copy out of alignment is refused: %d of 15", refused);
+    memset(copy.buffer.data, 0, bytes);
+    CHECK(envsamp_kd_open(copy.buffer.data, bytes, &kd) == ENVSAMP_ERR_FORMAT && !kd, "zeros");
+    memset(copy.buffer.data, 0xff, bytes);
+    CHECK(envsamp_kd_open(copy.buffer.data, bytes, &kd) == ENVSAMP_ERR_FORMAT && !kd, "ones");
+    free(copy.block);
+    kd_fixture_free(&f);
+}
+
+/* ---- damage ---- */
+
+static void test_bit_flips(const kd_fixture *f)
+{
+    const size_t bytes = envsamp_kd_bytes(f->kd);
+    unsigned char *copy = (unsigned char *)kd_allocate(bytes);
+    const envsamp_kd *kd;
+    size_t bit;
+    int opened = 0;
+
+    memcpy(copy, f->kd, bytes);
+    for (bit = 0; bit < bytes * 8; bit++) {
+        copy[bit / 8] = (unsigned char)(copy[bit / 8] ^ 1u << bit % 8);
+        kd = f->kd;
+        opened += envsamp_kd_open(copy, bytes, &kd) != ENVSAMP_ERR_FORMAT || kd;
+        copy[bit / 8] = (unsigned char)(copy[bit / 8] ^ 1u << bit % 8);
+    }
+    CHECK(!opened, "any of %lu bits flipped is noticed, but %d", (unsigned long)bit, opened);
+    free(copy);
+}
+
+/* Each length in a block of its own, so that tools see a read past its end. */
+static void test_truncations(const kd_fixture *f)
+{
+    const size_t bytes = envsamp_kd_bytes(f->kd);
+    const envsamp_kd *kd;
+    size_t length;
+    int opened = 0;
+
+    for (length = 0; length < bytes; length++) {
+        void *copy = kd_allocate(length);
+
+        memcpy(copy, f->kd, length);
+        kd = f->kd;
+        opened += envsamp_kd_open(copy, length, &kd) != ENVSAMP_ERR_FORMAT || kd;
+        free(copy);
+    }
+    CHECK(!opened, "any of %lu lengths too short is noticed, but %d", (unsigned long)bytes, opened);
+}
+
+/* ---- damage with a right checksum ---- */
+
+static uint32_t word_at(const unsigned char *table, size_t at)
+{
+    uint32_t word;
+
+    memcpy(&word, table + at, sizeof word);
+    return word;
+}
+
+/* FNV-1a over words, with a shift so that high bits reach low ones, of all after the checksum. */
+static uint32_t checksum(const unsigned char *table, size_t bytes)
+{
+    uint32_t sum = 2166136261u;
+    size_t at;
+
+    for (at = offsetof(envsamp_kd, checksum) + 4; at + 4 <= bytes; at += 4) {
+        sum = (sum ^ word_at(table, at)) * 16777619u;
+        sum ^= sum >> 15;
+    }
+    return sum;
+}
+
+/* The sum of as many bytes as the header claims, as far as there are that many. */
+static void mend_checksum(unsigned char *table, size_t bytes)
+{
+    const size_t claimed = word_at(table, offsetof(envsamp_kd, bytes));
+    const uint32_t sum = checksum(table, claimed < bytes ? claimed : bytes);
+
+    memcpy(table + offsetof(envsamp_kd, checksum), &sum, sizeof sum);
+}
+
+static uint32_t nasty_word(pcg32 *random, uint32_t word)
+{
+    const uint32_t words[] = { 0, 1, 2, 0xffffffffu, 0x7f800000u, 0xff800000u, 0x7fc00000u,
+                               0x80000000u, 0x7fffffffu, 0x7fefffffu, 0xffff0000u, 0x0000ffffu,
+                               0x00010000u, 1u << 20, 1u << 24, 0x7f7fffffu };
+    const uint32_t kind = pcg32_next(random) % 8;
+
+    if (kind < 2)
+        return words[pcg32_next(random) % 16];
+    if (kind < 4)
+        return word ^ 1u << pcg32_next(random) % 32;
+    if (kind < 5)
+        return word + 1u;
+    if (kind < 6)
+        return word - 1u;
+    if (kind < 7)
+        return pcg32_next(random);
+    return pcg32_next(random) % 64;
+}
+
+/* Damages one to three words, header and arrays alike. */
+static void mutate(unsigned char *table, size_t bytes, pcg32 *random)
+{
+    const size_t words = bytes / 4, header = sizeof(envsamp_kd) / 4;
+    int count = 1 + (int)(pcg32_next(random) % 3);
+
+    while (count-- > 0) {
+        const size_t among = pcg32_next(random) % 3 ? words : header;
+        const size_t at = pcg32_next(random) % among * 4;
+        const uint32_t word = nasty_word(random, word_at(table, at));
+
+        memcpy(table + at, &word, sizeof word);
+    }
+}
+
+/* Draws and looks up; whether all is finite. Tools see what lies out of bounds. */
+static int survives(const envsamp_kd *kd, int samples, pcg32 *random)
+{
+    const float special[] = { 0.0f, 1.0f, NAN, INFINITY, 0.99999994f };
+    int i, c, finite = 1;
+
+    for (i = 0; i < samples; i++) {
+        const float u0 = i < 5 ? special[i] : pcg32_float(random);
+        const float u1 = i < 5 ? special[4 - i] : pcg32_float(random);
+        const envsamp_sample s = envsamp_kd_sample(kd, u0, u1);
+        const float dir[3] = { u0 - 0.5f, u1 - 0.5f, pcg32_float(random) - 0.5f };
+
+        for (c = 0; c < 3; c++)
+            finite &= s.dir[c] >= -4.0f && s.dir[c] <= 4.0f;
+        finite &= s.pdf >= 0.0f && s.pdf <= FLT_MAX;
+        finite &= envsamp_kd_pdf(kd, s.dir) >= 0.0f;
+        finite &= !(envsamp_kd_pdf(kd, dir) > FLT_MAX);
+    }
+    return finite;
+}
+
+static int blocks_survive(const envsamp_kd *kd)
+{
+    envsamp_kd_info info;
+    envsamp_kd_block block;
+    int i, good = envsamp_kd_get_info(kd, &info) == ENVSAMP_OK;
+
+    for (i = 0; good && i < info.block_count; i++)
+        good = envsamp_kd_get_block(kd, i, &block) == ENVSAMP_OK && block.solid_angle > 0.0f
+            && block.uv_max[0] <= 1.0f && block.uv_max[1] <= 1.0f;
+    return good;
+}
+
+static void test_mutations(const kd_fixture *f, int count, int samples)
+{
+    const size_t bytes = envsamp_kd_bytes(f->kd);
+    unsigned char *copy = (unsigned char *)kd_allocate(bytes);
+    pcg32 random = pcg32_make(67, (uint64_t)bytes);
+    const envsamp_kd *kd;
+    int i, opened = 0, failed = 0, kept = 0;
+
+    CHECK(checksum((const unsigned char *)f->kd, bytes)
+          == word_at((const unsigned char *)f->kd, offsetof(envsamp_kd, checksum)),
+          "the checksum is the one that is documented");
+    for (i = 0; i < count; i++) {
+        memcpy(copy, f->kd, bytes);
+        mutate(copy, bytes, &random);
+        mend_checksum(copy, bytes);
+        if (envsamp_kd_open(copy, bytes, &kd) != ENVSAMP_OK) {
+            kept += kd != NULL;
+            continue;
+        }
+        opened++;
+        failed += !survives(kd, samples, &random) || !blocks_survive(kd);
+    }
+    CHECK(!kept, "a refused table is not handed out");
+    CHECK(!failed, "of %d damaged tables %d open, and all but %d of those sample", count, opened,
+          failed);
+    free(copy);
+}
+
+/* Cells of the grid lie after all else that a descent reads, so a cell set to each word in turn
+   must be refused, or lead to a block. */
+static void test_every_link(const kd_fixture *f)
+{
+    const size_t bytes = envsamp_kd_bytes(f->kd);
+    const uint32_t blocks = (uint32_t)f->info.block_count;
+    const uint32_t good[] = { 0x80000000u, 0x80000000u + blocks - 1 };
+    const uint32_t bad[] = { 0x80000000u + blocks, 0xffffffffu, blocks - 1, blocks, 0x7fffffffu };
+    unsigned char *copy = (unsigned char *)kd_allocate(bytes);
+    const envsamp_kd *kd;
+    int i, wrong = 0;
+
+    for (i = 0; i < 7; i++) {
+        const uint32_t word = i < 2 ? good[i] : bad[i - 2];
+
+        memcpy(copy, f->kd, bytes);
+        memcpy(copy + bytes - 4, &word, sizeof word);
+        mend_checksum(copy, bytes);
+        wrong += (envsamp_kd_open(copy, bytes, &kd) == ENVSAMP_OK) != (i < 2);
+    }
+    CHECK(!wrong, "links out of the table are refused, others are not: %d wrong", wrong);
+    free(copy);
+}
+
+static void test_damage(int kind)
+{
+    kd_fixture f;
+
+    build_kind(&f, kind, "foliage", 16, 8, 21);
+    test_bit_flips(&f);
+    test_truncations(&f);
+    test_mutations(&f, 25000, 1000);
+    test_every_link(&f);
+    kd_fixture_free(&f);
+}
+
+int main(int argc, char **argv)
+{
+    const char *path = argc > 1 ? argv[1] : "build/test_kd_table.bin";
+    int kind;
+
+    for (kind = 0; kind < KINDS; kind++) {
+        test_exact_sizes(kind, 100, 51, 300);
+        test_exact_sizes(kind, 3, 5, 1000);
+        test_exact_sizes(kind, 1, 1, 1);
+        test_exact_sizes(kind, 333, 257, 1025);
+        test_copies(kind);
+        test_file(path, kind);
+        test_damage(kind);
+    }
+    test_open_errors();
+    return check_done();
+}
