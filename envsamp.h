@@ -155,7 +155,7 @@ typedef struct envsamp_sample { float dir[3]; float pdf; float uv[2]; } envsamp_
 ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v, float dir[3]);
 
 /* The point of the map in a direction, of unit length or not: u in [0, 1), v in [0, 1], each within
-   3e-7. The zero vector gives (0, 0). For HEMISPHERE directions below the horizon have v above 1. */
+   3e-7. The zero vector gives (0, 0). HEMISPHERE: directions below the horizon have v above 1. */
 ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const float dir[3], float uv[2]);
 
 /* Rec. 709 luminance of linear RGB: what importance is made of. */
@@ -237,9 +237,9 @@ ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes,
 /* Bytes of the table, to store or upload from the address of kd. */
 ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd);
 
-/* Draws a direction with density s.pdf per steradian. The choice of the block spends the leading
-   bits of u0; what is left of it places the sample in azimuth, finished, where it runs out, by
-   the low half of u1, which places the sample in the polar angle. */
+/* Draws a direction with density s.pdf per steradian. How the bits are spent: the leading ones of
+   u0 choose the block, what is left of it places the sample in azimuth, and where that runs out,
+   the 12 low bits of u1 continue it, all of which places the sample in the polar angle. */
 ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0, float u1);
 
 /* Density per steradian of envsamp_kd_sample in a direction, which need not be of unit length. 0
@@ -1352,7 +1352,7 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
 {
     envsamp__level *level = &map->levels[1];
     envsamp__cell *cell = level->cells + (size_t)cell_y * (size_t)level->width;
-    double sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK];
+    double sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK], integral = 0.0;
     double inverse_sr = 0.25 / level->row_sr[cell_y];
     float max[ENVSAMP__CHUNK];
     envsamp__band band;
@@ -1372,11 +1372,12 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
         else
             envsamp__band_columns(&band, x0, count, sum, square, max);
         for (x = 0; x + 4 <= count; x += 4)
-            map->integral += envsamp__cell_sum(cell++, sum + x, square + x, max + x, 4, inverse_sr);
+            integral += envsamp__cell_sum(cell++, sum + x, square + x, max + x, 4, inverse_sr);
         if (x < count)
-            map->integral += envsamp__cell_sum(cell, sum + x, square + x, max + x, count - x,
-                                               4.0 * inverse_sr / (double)(count - x));
+            integral += envsamp__cell_sum(cell, sum + x, square + x, max + x, count - x,
+                                          4.0 * inverse_sr / (double)(count - x));
     }
+    map->integral += integral;
 }
 
 /* Texel columns that column x of a level holds: fewer at the right edge. */
@@ -2039,38 +2040,53 @@ static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
     }
 }
 
-/* Golden-section search along one parameter: finds the kink that a minimum of L1 is, which no
-   sum of squares has. */
-static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best, int index,
-                              double reach)
+/* Golden-section search in log2 alpha: finds the kink that a minimum of L1 is, which no sum of
+   squares has. */
+static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best, double reach)
 {
     const double golden = 0.61803398874989484820;
-    double low = best->param[index] - reach, high = best->param[index] + reach;
-    double a[2], b[2], cost_a, cost_b;
-    int i;
+    double low = best->param[0] - reach, high = best->param[0] + reach, at[2], cost[2], param[2];
+    int i, side;
 
-    a[0] = b[0] = best->param[0];
-    a[1] = b[1] = best->param[1];
-    a[index] = high - golden * (high - low);
-    b[index] = low + golden * (high - low);
-    cost_a = envsamp__fit_cost(fit, a, NULL);
-    cost_b = envsamp__fit_cost(fit, b, NULL);
-    for (i = 0; i < 30; i++) {
-        if (cost_a < cost_b) {
-            high = b[index];
-            b[index] = a[index];
-            cost_b = cost_a;
-            a[index] = high - golden * (high - low);
-            cost_a = envsamp__fit_cost(fit, a, NULL);
-        } else {
-            low = a[index];
-            a[index] = b[index];
-            cost_a = cost_b;
-            b[index] = low + golden * (high - low);
-            cost_b = envsamp__fit_cost(fit, b, NULL);
+    at[0] = high - golden * (high - low);
+    at[1] = low + golden * (high - low);
+    param[1] = best->param[1];
+    for (i = -2; i < 30; i++) {
+        side = i < 0 ? i + 2 : cost[1] < cost[0];
+        if (i >= 0) {               /* keep the better point, and probe its wider side */
+            if (side)
+                low = at[0];
+            else
+                high = at[1];
+            at[1 - side] = at[side];
+            cost[1 - side] = cost[side];
+            at[side] = side ? low + golden * (high - low) : high - golden * (high - low);
         }
+        param[0] = at[side];
+        cost[side] = envsamp__fit_cost(fit, param, NULL);
+        envsamp__fit_keep(best, cost[side], param);
     }
-    envsamp__fit_keep(best, cost_a < cost_b ? cost_a : cost_b, cost_a < cost_b ? a : b);
+}
+
+/* Climbs along the valley that POWER has: alpha and beta grow together, towards an exponential of
+   alpha / beta. Steps in beta, each with the best alpha near the one that keeps that ratio. */
+static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best)
+{
+    double step = 0.5;
+    int i, better;
+
+    for (i = 0; i < 40 && (step > 1e-3 || step < -1e-3); i++) {
+        envsamp__fit_point probe = *best;
+
+        probe.cost = DBL_MAX;
+        probe.param[1] += step;
+        if (probe.param[1] > 0.1 && best->param[1] > 0.1)
+            probe.param[0] += envsamp__log2(probe.param[1] / best->param[1]);
+        envsamp__fit_line(fit, &probe, 1.0);
+        better = probe.cost < best->cost;
+        envsamp__fit_keep(best, probe.cost, probe.param);
+        step *= better ? 1.5 : step > 0.0 ? -1.0 : -0.4;   /* the other way, then a shorter one */
+    }
 }
 
 /* Scans log2 alpha at one beta for local minima and keeps the best ENVSAMP__FIT_STARTS. */
@@ -2108,7 +2124,7 @@ static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
     const double betas[] = { 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0 };
     envsamp__fit_point starts[ENVSAMP__FIT_STARTS], best;
     double step = fit->model == ENVSAMP_KD_LOG ? 0.25 : 1.0;
-    int i, round;
+    int i;
 
     for (i = 0; i < ENVSAMP__FIT_STARTS; i++)
         starts[i].cost = DBL_MAX;
@@ -2120,13 +2136,12 @@ static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
     best = starts[0];
     for (i = 0; i < ENVSAMP__FIT_STARTS && starts[i].cost < DBL_MAX; i++) {
         envsamp__fit_polish(fit, &starts[i]);
-        for (round = 0; round < (fit->objective == ENVSAMP_KD_L1 ? 2 : 0); round++) {
-            envsamp__fit_line(fit, &starts[i], 0, step);
-            if (fit->model == ENVSAMP_KD_POWER)
-                envsamp__fit_line(fit, &starts[i], 1, 0.25);
-        }
+        if (fit->objective == ENVSAMP_KD_L1)
+            envsamp__fit_line(fit, &starts[i], step);
         envsamp__fit_keep(&best, starts[i].cost, starts[i].param);
     }
+    if (fit->model == ENVSAMP_KD_POWER)
+        envsamp__fit_climb(fit, &best);
     return best;
 }
 
@@ -2463,6 +2478,15 @@ static void envsamp__write_grid(const envsamp_kd *kd, uint32_t *grid)
 /* A block, and where in azimuth, [0, 1], a sample lies in it. */
 typedef struct envsamp__choice { uint32_t block; float fx; } envsamp__choice;
 
+/* What u1 holds beyond its leading 12 bits, [0, 1): continues a u0 that has run out of bits. Half
+   a turn on, so that it is 1/2, not 0, for points of a coarse lattice. */
+ENVSAMP__HOT float envsamp__lower_half(float u1)
+{
+    float low = u1 * 4096.0f + 0.5f;
+
+    return low - (float)(int)low;
+}
+
 /* The leading bits of u0 are the bin, the number that they lead decides for its own block or its
    alias, and where that lies among the draws of the chosen one is the position in azimuth. The
    lower half of u1 continues it. */
@@ -2473,12 +2497,11 @@ ENVSAMP__HOT envsamp__choice envsamp__alias_choose(const envsamp_kd *kd, float u
     uint32_t first = bin << kd->alias_shift, own = entry->split - first;
     uint32_t other = 0u - (uint32_t)(draw >= entry->split);     /* all ones for the alias */
     uint32_t count = own + (((1u << kd->alias_shift) - 2 * own) & other);
-    float low = u1 * 4096.0f;
     envsamp__choice choice;
 
-    low -= (float)(int)low;
     choice.block = bin ^ ((bin ^ entry->alias) & other);
-    choice.fx = ((float)(int)(draw - first - (own & other)) + low) / (float)(int)count;
+    choice.fx = ((float)(int)(draw - first - (own & other)) + envsamp__lower_half(u1))
+              / (float)(int)count;
     return choice;
 }
 
@@ -2501,9 +2524,10 @@ ENVSAMP__HOT float envsamp__fit_position(const envsamp_kd *kd, float f, float a)
 }
 
 /* x = P^-1(u0) [1, equation 8]; the block is its whole part. */
-ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0)
+ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0, float u1)
 {
-    double g = (double)u0 * kd->fit_total;
+    double u = (double)u0 + (double)(envsamp__lower_half(u1) / ENVSAMP__UNIT);
+    double g = u * kd->fit_total;
     envsamp__choice choice;
     int x_whole;
     float x;
@@ -2763,8 +2787,10 @@ static void envsamp__write_blocks(const envsamp__kd_work *work, envsamp_kd *kd)
         bounds[i].x1 = (uint16_t)b->x1;
         bounds[i].y1 = (uint16_t)b->y1;
         pdf[i] = (float)(probability / sr);
-        if (probability > 0.0 && pdf[i] < FLT_MIN)
+        if (probability > 0.0 && pdf[i] < FLT_MIN) {
             pdf[i] = FLT_MIN;           /* a steep fit: lit, so not zero */
+            probability = (double)FLT_MIN * sr;
+        }
         if (probability > 0.0) {
             double ratio = (double)b->whole.max * sr / (probability * kd->integral);
 
@@ -3013,7 +3039,7 @@ ENVSAMP__HOT envsamp_sample envsamp__kd_sample(const envsamp_kd *kd, float u0, f
     u0 = envsamp__clamp_unit(u0);
     u1 = envsamp__clamp_unit(u1);
     choice = kd->select == ENVSAMP_KD_ALIAS ? envsamp__alias_choose(kd, u0, u1)
-                                            : envsamp__fit_choose(kd, u0);
+                                            : envsamp__fit_choose(kd, u0, u1);
     return envsamp__block_point(kd, choice, u1);
 }
 
