@@ -35,7 +35,7 @@ demo: $(BUILD)/demo
 	$(BUILD)/demo -o $(BUILD)/pictures
 endif
 
-test: setup $(TESTS) $(BUILD)/quickstart  ## build and run all tests
+test: setup $(TESTS) $(BUILD)/quickstart $(BUILD)/demo_exr  ## build and run all tests
 	CC="$(CC)" CXX="$(CXX)" prove --timer --exec '' $(TESTS) $(SCRIPTS)
 
 # MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.

@@ -1,0 +1,106 @@
+#!/bin/sh
+# The same map gives the same tables and samples, bit for bit, with every compiler here, C and C++,
+# at every optimisation level, as long as arithmetic is not contracted.
+cd "$(dirname "$0")/.." || exit 1
+tmp=$(mktemp -d) || exit 1
+trap 'rm -rf "$tmp"' EXIT
+count=0
+want=
+
+cat >"$tmp/bits.c" <<'PROGRAM'
+#define ENVSAMP_IMPLEMENTATION
+#include "envsamp.h"
+#include <stdio.h>
+#include <stdlib.h>
+
+static uint32_t hash = 2166136261u;
+
+static void add(const void *data, size_t bytes)
+{
+    const unsigned char *byte = (const unsigned char *)data;
+    size_t i;
+
+    for (i = 0; i < bytes; i++)
+        hash = (hash ^ byte[i]) * 16777619u;
+}
+
+static void build(const envsamp_image *map, const envsamp_kd_desc *desc)
+{
+    envsamp_sizes sizes;
+    envsamp_buffer table, scratch;
+    const envsamp_kd *kd;
+    float uv[2];
+    int i;
+
+    if (envsamp_kd_sizes(map, desc, &sizes))
+        exit(1);
+    table.data = malloc(table.bytes = sizes.table_bytes);
+    scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);
+    if (envsamp_kd_build(map, desc, table, scratch, &kd))
+        exit(1);
+    add(kd, envsamp_kd_bytes(kd));
+    for (i = 0; i < 4096; i++) {
+        envsamp_sample s = envsamp_kd_sample(kd, (float)(i * 2654435761u >> 8) / 16777216.0f,
+                                             (float)(i * 40503u % 65536u) / 65536.0f);
+        float pdf = envsamp_kd_pdf(kd, s.dir);
+
+        envsamp_dir_to_uv(ENVSAMP_LATLONG, s.dir, uv);
+        add(&s, sizeof s);
+        add(&pdf, sizeof pdf);
+        add(uv, sizeof uv);
+    }
+    free(table.data);
+    free(scratch.data);
+}
+
+int main(void)
+{
+    static float pixels[96 * 48];
+    envsamp_image map = { pixels, 96, 48, 1, 0, ENVSAMP_LATLONG };
+    envsamp_kd_desc desc = envsamp_kd_defaults();
+    uint32_t state = 1;
+    int i, select, criterion, model;
+
+    for (i = 0; i < 96 * 48; i++) {
+        state = state * 1664525u + 1013904223u;
+        pixels[i] = (float)(state >> 8) / 16777216.0f + (i == 1234 ? 1e5f : 0.0f);
+    }
+    desc.block_count = 500;
+    for (select = ENVSAMP_KD_ALIAS; select <= ENVSAMP_KD_FIT; select++)
+        for (criterion = 0; criterion <= ENVSAMP_KD_EXCESS; criterion++)
+            for (model = 0; model <= ENVSAMP_KD_POWER; model++) {
+                desc.select = (envsamp_kd_select)select;
+                desc.criterion = (envsamp_kd_criterion)criterion;
+                desc.model = (envsamp_kd_model)model;
+                build(&map, &desc);
+            }
+    printf("%08x\n", hash);
+    return 0;
+}
+PROGRAM
+cp "$tmp/bits.c" "$tmp/bits.cpp"
+
+agrees() {  # file, compiler and flags
+    file=$1
+    shift
+    count=$((count + 1))
+    if ! command -v "$1" >/dev/null 2>&1; then
+        echo "ok $count # SKIP no $1 here"
+        return
+    fi
+    got=$("$@" -w -I. "$tmp/$file" -o "$tmp/bits" -lm && "$tmp/bits")
+    want=${want:-$got}
+    [ -n "$got" ] && [ "$got" = "$want" ] && result=ok || result="not ok"
+    echo "$result $count - $* gives $got, wanted $want"
+}
+
+agrees bits.c gcc -std=c99 -O0
+agrees bits.c gcc -std=c99 -O2
+agrees bits.c gcc -std=c99 -O3 -march=native
+agrees bits.c gcc -std=c99 -Os -DENVSAMP_STATIC
+agrees bits.c clang -std=c99 -ffp-contract=off -O0
+agrees bits.c clang -std=c99 -ffp-contract=off -O2
+agrees bits.c clang -std=c99 -ffp-contract=off -O3 -march=native
+agrees bits.cpp g++ -std=c++11 -ffp-contract=off -O2
+agrees bits.cpp clang++ -std=c++11 -ffp-contract=off -O3
+echo "1..$count"

@@ -1,0 +1,57 @@
+#!/bin/sh
+# The demo with files that are not maps: one line on stderr that names the file, exit status 1,
+# and nothing written. And with a small map: its pictures. Needs build/demo_exr.
+cd "$(dirname "$0")/.." || exit 1
+demo=$PWD/build/demo_exr
+tmp=$(mktemp -d) || exit 1
+trap 'rm -rf "$tmp"' EXIT
+count=0
+
+report() {  # pass (0 is yes), what
+    count=$((count + 1))
+    [ "$1" = 0 ] && echo "ok $count - $2" || echo "not ok $count - $2"
+}
+
+rejects() {  # file, what
+    "$demo" -o "$tmp/out" "$1" >"$tmp/stdout" 2>"$tmp/stderr"
+    status=$?
+    [ $status = 1 ] && [ "$(wc -l <"$tmp/stderr")" = 1 ] && grep -qF "$(basename "$1")" "$tmp/stderr" \
+        && [ ! -e "$tmp/out" ]
+    report $? "$2: exit status $status, $(head -n 1 "$tmp/stderr" | sed "s#$tmp/##g")"
+}
+
+pfm() {  # width height byte: a PFM of one byte repeated
+    printf 'PF\n%d %d\n-1.0\n' "$1" "$2"
+    head -c $((12 * $1 * $2)) /dev/zero | tr '\000' "$3"
+}
+
+rejects "$tmp/missing.exr" "a missing file"
+: >"$tmp/empty.exr"
+rejects "$tmp/empty.exr" "an empty file"
+echo "this is not a map" >"$tmp/text.exr"
+rejects "$tmp/text.exr" "not an EXR"
+printf '\166\057\061\001\002\000\000\000channels' >"$tmp/stub.exr"
+rejects "$tmp/stub.exr" "a truncated EXR"
+pfm 8 8 '\077' >"$tmp/square.pfm"
+rejects "$tmp/square.pfm" "not 2:1"
+pfm 16 8 '\077' | head -c 300 >"$tmp/short.pfm"
+rejects "$tmp/short.pfm" "a truncated PFM"
+pfm 16 8 '\000' >"$tmp/black.pfm"
+rejects "$tmp/black.pfm" "a black map"
+for exr in data/*.exr; do
+    if [ -e "$exr" ]; then
+        head -c 50000 "$exr" >"$tmp/cut.exr"
+        rejects "$tmp/cut.exr" "a real map cut off"
+    else
+        count=$((count + 1))
+        echo "ok $count # SKIP no real map to cut off: run make data"
+    fi
+    break
+done
+pfm 32 16 '\077' >"$tmp/grey.pfm"
+"$demo" -o "$tmp/out" "$tmp/grey.pfm" >"$tmp/stdout" 2>"$tmp/stderr"
+report $? "a small map is drawn"
+pictures=$(find "$tmp/out" -name '*.png' 2>/dev/null | wc -l)
+[ "$pictures" = 3 ]
+report $? "as 3 pictures ($pictures)"
+echo "1..$count"
