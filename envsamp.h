@@ -491,8 +491,8 @@ ENVSAMP__HOT float envsamp__exp2m1(double x)
     int whole = (int)x;
     float f = (float)(x - (double)whole);
     float power = envsamp__bits_float((uint32_t)(whole + 127) << 23);
-    float rest = f * (0.693147170f + f * (0.240227226f + f * (0.0554958479f + f * (0.00965268772f
-               + f * (0.00126865296f + f * 0.000208404800f)))));
+    float f2 = f * f, rest = f * (0.693147170f + f * 0.240227226f + f2 * (0.0554958479f
+                           + f * 0.00965268772f + f2 * (0.00126865296f + f * 0.000208404800f)));
 
     return (power - 1.0f) + power * rest;
 }
@@ -2298,12 +2298,16 @@ struct envsamp_kd {
     float grid_scale_x, grid_scale_y;           /* cells per unit of azimuth, of polar */
     float inverse_width;
     float fit_alpha, fit_end;                   /* FIT: alpha; the largest x that is a block's */
+    float fit_step;                             /* LOG: of log(alpha + x), a step of 2^-24 in u0 */
     uint32_t drawn_count;                       /* blocks that can be drawn: FIT, the first ones */
     uint32_t rows_at, bounds_at, pdf_at, alias_at, nodes_at, grid_at;
+    uint32_t unused;                            /* no compiler pads: an even number of words */
     double integral, excess_variance, max_ratio, alpha, beta, l1;
     double fit_total;                           /* FIT: G(n) */
     uint64_t bad_pixel_count;
 };
+
+typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 28 * 4 + 8 * 8 ? 1 : -1];
 
 static inline const envsamp__row *envsamp__kd_rows(const envsamp_kd *kd)
 {
@@ -2352,6 +2356,8 @@ static void envsamp__kd_layout(envsamp_kd *kd)
     kd->grid_scale_y = 0.5f * (float)(1 << kd->grid_bits_y);
     kd->inverse_width = 1.0f / (float)kd->width;
     kd->fit_alpha = (float)kd->alpha;
+    kd->fit_step = kd->model == ENVSAMP_KD_POWER ? 0.0f
+                 : (float)(0.69314718055994530942 * kd->fit_total / (double)ENVSAMP__UNIT);
     kd->fit_end = envsamp__bits_float(envsamp__float_bits((float)kd->drawn_count) - 1);
     kd->rows_at = at;
     at += (kd->height + 1) * (uint32_t)sizeof(envsamp__row);
@@ -2526,15 +2532,16 @@ ENVSAMP__HOT float envsamp__fit_position(const envsamp_kd *kd, float f, float a)
 /* x = P^-1(u0) [1, equation 8]; the block is its whole part. */
 ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0, float u1)
 {
-    double u = (double)u0 + (double)(envsamp__lower_half(u1) / ENVSAMP__UNIT);
-    double g = u * kd->fit_total;
+    double g = (double)u0 * kd->fit_total;
+    float low = envsamp__lower_half(u1), x;
     envsamp__choice choice;
     int x_whole;
-    float x;
 
     if (kd->model == ENVSAMP_KD_POWER)
-        g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta), g);
+        g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta),
+                                     g + (double)(low / ENVSAMP__UNIT) * kd->fit_total);
     x = kd->fit_alpha * envsamp__exp2m1(g);
+    x += low * kd->fit_step * (kd->fit_alpha + x);
     x = x > 0.0f ? x : 0.0f;
     x = x < kd->fit_end ? x : kd->fit_end;
     x_whole = (int)x;
