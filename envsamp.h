@@ -1247,13 +1247,13 @@ typedef struct envsamp__map {
     size_t bad_pixel_count;
 } envsamp__map;
 
-/* Luminance of a row that holds a bad pixel; returns how many. */
-static size_t envsamp__mend_row(const float *pixel, int channels, int width, float *luminance)
+/* Luminance of `count` pixels with bad ones among them; returns how many those are. */
+static size_t envsamp__mend_chunk(const float *pixel, int channels, int count, float *luminance)
 {
     size_t bad = 0;
     int x;
 
-    for (x = 0; x < width; x++, pixel += channels) {
+    for (x = 0; x < count; x++, pixel += channels) {
         float rgb[3];
 
         bad += (size_t)envsamp__mend_pixel(pixel, channels, rgb);
@@ -1288,18 +1288,27 @@ static inline uint32_t envsamp__luminance_chunk(const float *pixel, int channels
     return top;
 }
 
-/* Luminance of one row; nonzero if a pixel of it may be bad. */
-static int envsamp__luminance_row(const float *pixel, int channels, int width, float *luminance)
+/* Luminance of one row; returns how many pixels of it are bad. */
+static size_t envsamp__luminance_row(const float *pixel, int channels, int width,
+                                     float *luminance)
 {
-    uint32_t top = 0;
-    int x = 0;
+    size_t bad = 0;
+    int x;
 
-    for (; channels == 3 && x + ENVSAMP__CHUNK <= width; x += ENVSAMP__CHUNK)
-        top |= envsamp__luminance_chunk(pixel + 3 * x, 3, ENVSAMP__CHUNK, luminance + x);
-    for (; channels == 4 && x + ENVSAMP__CHUNK <= width; x += ENVSAMP__CHUNK)
-        top |= envsamp__luminance_chunk(pixel + 4 * x, 4, ENVSAMP__CHUNK, luminance + x);
-    top |= envsamp__luminance_chunk(pixel + channels * x, channels, width - x, luminance + x);
-    return (int)(top >> 31);
+    for (x = 0; x < width; x += ENVSAMP__CHUNK, pixel += channels * ENVSAMP__CHUNK) {
+        int count = envsamp__min(ENVSAMP__CHUNK, width - x);
+        uint32_t top;
+
+        if (channels == 3 && count == ENVSAMP__CHUNK)
+            top = envsamp__luminance_chunk(pixel, 3, ENVSAMP__CHUNK, luminance + x);
+        else if (channels == 4 && count == ENVSAMP__CHUNK)
+            top = envsamp__luminance_chunk(pixel, 4, ENVSAMP__CHUNK, luminance + x);
+        else
+            top = envsamp__luminance_chunk(pixel, channels, count, luminance + x);
+        if (top >> 31)
+            bad += envsamp__mend_chunk(pixel, channels, count, luminance + x);
+    }
+    return bad;
 }
 
 /* Up to four rows of texels, the rows of one row of cells. */
@@ -1455,9 +1464,8 @@ static envsamp_result envsamp__map_fill(envsamp__map *map, const envsamp_image *
         const float *row = envsamp__image_row(image, stride, y);
         float *luminance = map->luminance + (size_t)y * (size_t)map->width;
 
-        if (envsamp__luminance_row(row, image->channels, map->width, luminance))
-            map->bad_pixel_count +=
-                envsamp__mend_row(row, image->channels, map->width, luminance);
+        map->bad_pixel_count +=
+            envsamp__luminance_row(row, image->channels, map->width, luminance);
         if (strict && map->bad_pixel_count)
             return ENVSAMP_ERR_VALUE;
         if (y % 4 == 3 || y + 1 == map->height)
