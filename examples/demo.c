@@ -452,7 +452,7 @@ static int map_pictures(demo *d, const table *t)
 
 /* ---- pictures of spheres ---- */
 
-#define SPHERE_SIDE 126              /* pixels of a sphere's square */
+#define SPHERE_SIDE 136              /* pixels of a sphere's square */
 #define SPHERE_RADIUS 51.0f
 #define LABEL_HEIGHT 42
 #define SPHERE_SAMPLES 16            /* a pixel */
