@@ -32,9 +32,9 @@
  *     select               block probabilities      random  per sample    take it when
  *                                                   numbers
  *     ENVSAMP_KD_ALIAS     optimal, exact           2       2 lookups     speed and least noise
- *     ENVSAMP_KD_FIT       analytic, 2 parameters   2       1 lookup      8 bytes a block must do
- *                          [1]                                            to sample; 5 to 60 %
- *                                                                         variance, or more
+ *     ENVSAMP_KD_FIT       analytic, 2 parameters   2       1 lookup      the table must be 1/4
+ *                          [1]                                            smaller; 5 to 60 % more
+ *                                                                         variance, up to 140 %
  *
  * A table of 6144 blocks, the default, replaces the CDF of a map of any resolution. What it loses
  * against that is `excess_variance`, which envsamp_kd_get_info tells exactly.
@@ -56,7 +56,7 @@
  *
  * GUARANTEES
  * - No heap, no stdio, no globals, no recursion; one call uses less than 8 KiB of stack. Only
- *   memcpy, memset, memcmp and, unless overridden, square roots are linked.
+ *   memcpy, memset, memcmp and, unless overridden, square roots and assert are linked.
  * - All memory is yours: ask _sizes, give two buffers to _build, aligned to ENVSAMP_ALIGN. Scratch
  *   is free again after the build. The table holds no pointers: copy it, map it, store it, send
  *   it to a GPU, and _open it there.
@@ -66,8 +66,8 @@
  * - Sampling is safe for any float, NaN included, and gives a finite direction, 1 long within 1e-6.
  * - Sums over a map are doubles that only add positive numbers. Block probabilities are whole
  *   multiples of 2^-24, and are exactly the distribution that 24-bit numbers u0 draw.
- * - IEEE arithmetic without contraction (-ffp-contract=off, or -std=c99) gives the same bits with
- *   any compiler, optimisation level and libm.
+ * - IEEE arithmetic without contraction (-ffp-contract=off, which gcc's -std=c99 implies) gives the
+ *   same bits with any compiler, optimisation level and libm.
  *
  * CONFIGURATION, by macros defined before the include
  *   ENVSAMP_IMPLEMENTATION   in one file: compile the functions
@@ -80,6 +80,7 @@
  *
  * LIMITS. Of the mappings, lat-long so far. Directions may be 1e-15 to 1e18 long. Tables are in the
  * byte order of the machine that built them; one from a machine of the other order fails to open.
+ * A map with nothing brighter than 1e-36 is sampled right, but its info has lost digits.
  *
  * REFERENCES
  *  [1] Ergun, Kurt, Ozturk: Real-time Kd-tree Based Importance Sampling of Environment Maps.
@@ -149,9 +150,9 @@ typedef struct envsamp_sizes  { size_t table_bytes, scratch_bytes; } envsamp_siz
 /* A direction, its density per steradian, and where it lies in the map. */
 typedef struct envsamp_sample { float dir[3]; float pdf; float uv[2]; } envsamp_sample;
 
-/* The direction of a point of the map, each component and the length within 2e-7. u wraps round;
-   v is clamped to [0, 1]; a NaN counts as 0. Lat-long and hemisphere; for the octahedral map,
-   which is to come, dir is zero. */
+/* The direction of a point of the map, each component and the length within 2e-7. u wraps round, up
+   to a million turns; v is clamped to [0, 1]; a NaN counts as 0. Lat-long and hemisphere; for the
+   octahedral map, which is to come, dir is zero. */
 ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v, float dir[3]);
 
 /* The point of the map in a direction, of unit length or not: u in [0, 1), v in [0, 1], each within
@@ -213,14 +214,15 @@ ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void);
 
 /* How large the two buffers of a build must be. `desc` NULL: the defaults. Needs the image's
    sizes, not its pixels, which may be NULL here. The table may turn out smaller:
-   envsamp_kd_bytes. Scratch is about 5 bytes a texel and 150 a block; FIT adds 40 a block.
+   envsamp_kd_bytes. Scratch is about 5 bytes a texel and 160 a block; FIT adds 40 a block.
    Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_sizes *sizes);
 
-/* Builds the table of a map. *kd points into table.data, and is NULL after a failure.
-   Time: some passes over the pixels, and log(blocks) per block. Stops early, with fewer blocks,
-   when every block is flat.
+/* Builds the table of a map. *kd points into table.data, and is NULL after a failure. Stops early,
+   with fewer blocks, when every block is flat. table, scratch and pixels must not overlap.
+   Time: some passes over the pixels, and log(blocks) per block. RANGE reads the texels of each
+   block once more; FIT makes some hundred passes over the blocks, POWER some thousand.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY or _ALIGN.
    Source: [1, algorithms 1 to 3], with importance weighed by solid angle, which [1] leaves out,
    and uniform sampling of solid angle within a block. */
@@ -244,7 +246,8 @@ ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0, flo
 
 /* Density per steradian of envsamp_kd_sample in a direction, which need not be of unit length. 0
    for the zero vector and for one with NaN. Equals the pdf of a sample, but where its direction,
-   rounded to floats, lies across the edge of its block: fewer than 1 in 2000 at 6144 blocks. */
+   rounded to floats, lies across the edge of its block: fewer than 1 in 2000 at 6144 blocks
+   of a map twice as wide as high. */
 ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3]);
 
 /* The numbers that make envsamp_kd_sample draw a direction. WARP only: 0 for the others. */
@@ -371,7 +374,7 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 #ifndef ENVSAMP_COPYSIGNF
 #define ENVSAMP_COPYSIGNF(x, y) copysignf(x, y)
 #endif
-#define ENVSAMP_FABS(x) ((x) < 0 ? -(x) : (x))
+#define ENVSAMP__FABS(x) ((x) < 0 ? -(x) : (x))
 
 #ifdef __cplusplus
 extern "C" {
@@ -766,7 +769,7 @@ static int envsamp__lm_is_finite(const double *values, int count)
     int i;
 
     for (i = 0; i < count; ++i) {
-        if (!(ENVSAMP_FABS(values[i]) <= DBL_MAX)) return 0;
+        if (!(ENVSAMP__FABS(values[i]) <= DBL_MAX)) return 0;
     }
     return 1;
 }
@@ -805,7 +808,7 @@ static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
  * them swamps the difference. */
 static double envsamp__lm_spacing(const envsamp__lm *lm, int j)
 {
-    double size = ENVSAMP_FABS(lm->params[j]);
+    double size = ENVSAMP__FABS(lm->params[j]);
     double fnorm = ENVSAMP_SQRT(lm->cost);
 
     if (lm->scale[j] > 0.0 && size < 1.0) {
@@ -862,7 +865,7 @@ static double envsamp__lm_reflector(double *v, int count, double *beta)
 
     *beta = 0.0;
     if (norm2 < DBL_MIN) return 0.0;  /* below this beta would overflow */
-    *beta = 1.0 / (norm * (norm + ENVSAMP_FABS(head)));
+    *beta = 1.0 / (norm * (norm + ENVSAMP__FABS(head)));
     if (head > 0.0) norm = -norm;
     v[0] = head - norm;
     return norm;
@@ -916,9 +919,9 @@ static int envsamp__lm_orthogonalise(double *a, double *b, double *va, double *v
     double ab = envsamp__lm_dot(a, b, n);
     double zeta, tangent, cosine;
 
-    if (ENVSAMP_FABS(ab) <= DBL_EPSILON * ENVSAMP_SQRT(aa) * ENVSAMP_SQRT(bb)) return 0;
+    if (ENVSAMP__FABS(ab) <= DBL_EPSILON * ENVSAMP_SQRT(aa) * ENVSAMP_SQRT(bb)) return 0;
     zeta = (bb - aa) / (2.0 * ab);
-    tangent = 1.0 / (ENVSAMP_FABS(zeta) + ENVSAMP_SQRT(1.0 + zeta * zeta));
+    tangent = 1.0 / (ENVSAMP__FABS(zeta) + ENVSAMP_SQRT(1.0 + zeta * zeta));
     if (zeta < 0.0) tangent = -tangent;
     cosine = 1.0 / ENVSAMP_SQRT(1.0 + tangent * tangent);
     envsamp__lm_rotate(a, b, cosine, cosine * tangent, n);
@@ -960,7 +963,7 @@ static double envsamp__lm_cosine(const envsamp__lm *lm,
 
     for (j = 0; j < lm->n; ++j) {
         double norm = ENVSAMP_SQRT(envsamp__lm_dot(r[j], r[j], lm->n));
-        double along = ENVSAMP_FABS(envsamp__lm_dot(r[j], lm->trial, lm->n));
+        double along = ENVSAMP__FABS(envsamp__lm_dot(r[j], lm->trial, lm->n));
 
         if (norm > 0.0 && along > largest * norm) largest = along / norm;
     }
@@ -1036,7 +1039,7 @@ static void envsamp__lm_solve(const envsamp__lm *lm, envsamp__lm_step *step)
             if (damping <= low) damping = 0.5 * low + 0.5 * high;
         }
         envsamp__lm_damped(lm, damping, step);
-        if (ENVSAMP_FABS(step->length - lm->delta) <= 0.1 * lm->delta) return;
+        if (ENVSAMP__FABS(step->length - lm->delta) <= 0.1 * lm->delta) return;
         if (step->length > lm->delta) low = damping;
         else high = damping;
         damping += envsamp__lm_newton(lm, step);
@@ -1110,7 +1113,7 @@ static void envsamp__lm_iterate(envsamp__lm *lm)
     envsamp__lm_resize(lm, &step, actual, ratio);
     if (ratio >= 1e-4) envsamp__lm_accept(lm, point, cost);
 
-    if (ENVSAMP_FABS(actual) <= lm->ftol && predicted <= lm->ftol && ratio <= 2.0) {
+    if (ENVSAMP__FABS(actual) <= lm->ftol && predicted <= lm->ftol && ratio <= 2.0) {
         lm->converged = 1;
     }
     if (lm->delta <= lm->xtol * envsamp__lm_scaled_norm(lm)) lm->converged = 1;
@@ -2010,6 +2013,8 @@ static void envsamp__fit_residuals(const double *param, double *residual, void *
 {
     const envsamp__fit *fit = (const envsamp__fit *)user;
 
+    if (fit->count == 1)
+        residual[1] = 0.0;          /* two parameters want two residuals */
     if (envsamp__fit_cost(fit, param, residual) == DBL_MAX)
         residual[0] = DBL_MAX;      /* its square is infinite: the solver turns back */
 }
@@ -2041,7 +2046,7 @@ static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
                 fit->weight[k] = 1.0;
             envsamp__fit_cost(fit, param, fit->weight);
             for (k = 0; k < fit->count; k++)
-                fit->weight[k] = 1.0 / ENVSAMP_SQRT(ENVSAMP_FABS(fit->weight[k]) + 1e-9);
+                fit->weight[k] = 1.0 / ENVSAMP_SQRT(ENVSAMP__FABS(fit->weight[k]) + 1e-9);
         }
         if (envsamp_lm(&desc, envsamp__fit_residuals, fit, param, fit->lm_scratch, NULL))
             return;
@@ -2209,7 +2214,7 @@ static void envsamp__round_draws(const double *weight, int count, uint32_t *draw
         rest = 0.0;
         for (i = 0; i < count; i++)
             if (weight[i] > 0.0 && !draws[i]) {
-                if (weight[i] * scale < 1.0) {
+                if (weight[i] * scale < 1.0001) {   /* so that rounding cannot give it none */
                     draws[i] = 1;
                     lifted++;
                 } else {
@@ -2405,7 +2410,7 @@ static float envsamp__column_azimuth(int column, int width)
     double sine, cosine, q;
 
     envsamp__sincos_pi(2.0 * (double)column / (double)width, &sine, &cosine);
-    q = sine / (ENVSAMP_FABS(sine) + ENVSAMP_FABS(cosine));
+    q = sine / (ENVSAMP__FABS(sine) + ENVSAMP__FABS(cosine));
     return (float)(2 * (int64_t)column > width
                    ? (4 * (int64_t)column < 3 * (int64_t)width ? 2.0 - q : 4.0 + q)
                    : (4 * (int64_t)column < width ? q : 2.0 - q));
@@ -2416,7 +2421,7 @@ static float envsamp__row_polar(int row, int height)
     double sine, cosine, q;
 
     envsamp__sincos_pi((double)row / (double)height, &sine, &cosine);
-    q = sine / (sine + ENVSAMP_FABS(cosine));
+    q = sine / (sine + ENVSAMP__FABS(cosine));
     return (float)(2 * row > height ? 2.0 - q : q);
 }
 
@@ -2882,6 +2887,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
         return ENVSAMP_ERR_SIZE;
     memset(&layout, 0, sizeof layout);
     layout.select = desc->select;
+    layout.width = (uint32_t)image->width;
     layout.height = (uint32_t)image->height;
     layout.block_count = (uint32_t)work.block_limit;
     envsamp__kd_layout(&layout);
@@ -2960,8 +2966,9 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
 {
     double total;
 
-    if (!(kd->alpha > 1e-9 && kd->alpha < 1e12 && kd->beta >= ENVSAMP__BETA_MIN
-          && kd->beta <= ENVSAMP__BETA_MAX && (kd->model == ENVSAMP_KD_POWER || kd->beta == 1.0)))
+    if (!(kd->alpha > 1e-9 && kd->alpha < 1025.0 * (double)kd->drawn_count
+          && kd->beta >= ENVSAMP__BETA_MIN && kd->beta <= ENVSAMP__BETA_MAX
+          && (kd->model == ENVSAMP_KD_POWER || kd->beta == 1.0)))
         return 0;
     total = envsamp__model_mass(envsamp__model_gamma(kd->beta), kd->drawn_count / kd->alpha);
     return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);

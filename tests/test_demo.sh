@@ -15,8 +15,8 @@ report() {  # pass (0 is yes), what
 rejects() {  # file, what
     "$demo" -o "$tmp/out" "$1" >"$tmp/stdout" 2>"$tmp/stderr"
     status=$?
-    [ $status = 1 ] && [ "$(wc -l <"$tmp/stderr")" = 1 ] && grep -qF "$(basename "$1")" "$tmp/stderr" \
-        && [ ! -e "$tmp/out" ]
+    [ $status = 1 ] && [ "$(wc -l <"$tmp/stderr")" = 1 ] && [ ! -e "$tmp/out" ] \
+        && grep -qF "$(basename "$1")" "$tmp/stderr"
     report $? "$2: exit status $status, $(head -n 1 "$tmp/stderr" | sed "s#$tmp/##g")"
 }
 

@@ -5,11 +5,12 @@ cd "$(dirname "$0")/.." || exit 1
 cc=${CC:-cc}
 tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
+kinds=address,undefined,float-divide-by-zero,float-cast-overflow
 subjects="kd_faults kd_table lm"
 count=0
 
 printf 'int main(void) { return 0; }\n' >"$tmp/probe.c"
-if $cc -fsanitize=address,undefined "$tmp/probe.c" -o "$tmp/probe" 2>/dev/null && "$tmp/probe"; then
+if $cc -fsanitize=$kinds "$tmp/probe.c" -o "$tmp/probe" 2>/dev/null && "$tmp/probe"; then
     able=1
 else
     able=0
@@ -18,7 +19,7 @@ for subject in $subjects; do
     count=$((count + 1))
     if [ $able = 0 ]; then
         echo "ok $count # SKIP $subject: $cc has no address sanitizer here"
-    elif $cc -std=c99 -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -I. \
+    elif $cc -std=c99 -O1 -g -fsanitize=$kinds -fno-sanitize-recover=all -I. \
             -Iexamples/common "tests/test_$subject.c" tests/statistics.c \
             examples/common/image.c examples/common/maps.c -lm -o "$tmp/$subject" \
             2>"$tmp/log" && "$tmp/$subject" >"$tmp/out" 2>>"$tmp/log"; then
