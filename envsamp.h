@@ -2596,7 +2596,7 @@ static inline uint32_t envsamp__kd_locate(const envsamp_kd *kd, float x, float y
 
     if (!(sum > 0.0f && sum <= FLT_MAX))
         return ENVSAMP__LEAF;
-    /* |x|/(|x|+|y|) is 1 at x = 0: half a turn is 1 - ..., mirrored for y below 0 */
+    /* with t = |y|/(|x|+|y|): t for x above 0, 2 - t for x below, and 4 less that for y below 0 */
     azimuth = side > 0.0f ? ENVSAMP_COPYSIGNF(ENVSAMP_FABSF(y) / side, x) : 0.0f;
     azimuth = 2.0f - ENVSAMP_COPYSIGNF(1.0f + ENVSAMP_COPYSIGNF(1.0f, x) - azimuth, y);
     polar = 1.0f - ENVSAMP_COPYSIGNF(1.0f - r / sum, z);
