@@ -993,7 +993,7 @@ static void test_null_description(void)
     view.pixels = NULL;
     CHECK(envsamp_kd_sizes(&view, NULL, &sizes) == ENVSAMP_OK, "sizes need no pixels");
     view.pixels = map.rgb;
-    CHECK(f.kd && envsamp_kd_invert(f.kd, dir, u) == 0, "invert gives 0 but for WARP");
+    CHECK(f.kd && envsamp_kd_invert(f.kd, dir, u) == 1, "WARP, the default, inverts");
     memset(f.table.buffer.data, 0, f.table.buffer.bytes);
     CHECK(envsamp_kd_build(&view, NULL, f.table.buffer, f.scratch.buffer, &kd) == ENVSAMP_OK
           && kd && envsamp_kd_pdf(kd, dir) > 0.0f, "no description: a table of defaults");

@@ -641,9 +641,6 @@ static void test_bad_descriptions(void)
         CHECK(refused_desc(&desc), "compensation %g", (double)compensations[i]);
     }
     desc = good;
-    desc.select = ENVSAMP_KD_WARP;
-    CHECK(refused_desc(&desc), "WARP is to come");
-    desc = good;
     desc.bilinear = 1;
     CHECK(refused_desc(&desc), "bilinear is to come");
 }

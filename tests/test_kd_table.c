@@ -389,24 +389,24 @@ static void test_mutations(const kd_fixture *f, int count, int samples)
 }
 
 /* Cells of the grid lie after all else that a descent reads, so a cell set to each word in turn
-   must be refused, or lead to a block. */
+   must be refused, or be a density. */
 static void test_every_link(const kd_fixture *f)
 {
     const size_t bytes = envsamp_kd_bytes(f->kd);
     const uint32_t blocks = (uint32_t)f->info.block_count;
-    const uint32_t good[] = { 0x80000000u, 0x80000000u + blocks - 1 };
-    const uint32_t bad[] = { 0x80000000u + blocks, 0xffffffffu, blocks - 1, blocks, 0x7fffffffu };
+    const uint32_t good[] = { 0, 0x3f800000u, 0x7f7fffffu };    /* 0, 1 and the largest float */
+    const uint32_t bad[] = { 0x80000000u + blocks - 1, 0xffffffffu, 0x7f800000u, 0x7fffffffu };
     unsigned char *copy = (unsigned char *)kd_allocate(bytes);
     const envsamp_kd *kd;
     int i, wrong = 0;
 
     for (i = 0; i < 7; i++) {
-        const uint32_t word = i < 2 ? good[i] : bad[i - 2];
+        const uint32_t word = i < 3 ? good[i] : bad[i - 3];
 
         memcpy(copy, f->kd, bytes);
         memcpy(copy + bytes - 4, &word, sizeof word);
         mend_checksum(copy, bytes);
-        wrong += (envsamp_kd_open(copy, bytes, &kd) == ENVSAMP_OK) != (i < 2);
+        wrong += (envsamp_kd_open(copy, bytes, &kd) == ENVSAMP_OK) != (i < 3);
     }
     CHECK(!wrong, "links out of the table are refused, others are not: %d wrong", wrong);
     free(copy);

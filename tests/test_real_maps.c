@@ -67,7 +67,7 @@ static figures measure(int index)
     if (m.built) {
         m.alias = r.f.info.excess_variance;
         m.brute_force = reference_excess(&r);
-        m.bounds_bytes = sizeof(envsamp__bounds) * (size_t)r.f.info.block_count;
+        m.bounds_bytes = r.f.kd->pdf_at - r.f.kd->bounds_at;
         m.mismatched = mismatches(r.f.kd);
     }
     reference_free(&r);
