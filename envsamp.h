@@ -1505,6 +1505,8 @@ static envsamp_result envsamp__map_fill(envsamp__map *map, const envsamp_image *
 #define ENVSAMP__HOPE 0.15      /* of its bound: what a searched block still wants at least, since
                                    two cuts may gain what one cannot. 0 and 0.4 have 13 and 4 % more
                                    excess variance */
+#define ENVSAMP__EVEN (1.0 / 8)     /* of a block's light: what a cell that its edge cuts may hold
+                                       and still count as even while splits are searched */
 #define ENVSAMP__WARP_DEPTH 32  /* cuts below a tile, one inside the other */
 
 /* Part of the map, in texels. A fraction of a row is one of its solid angle. */
@@ -1685,98 +1687,136 @@ static void envsamp__profile_texels(const envsamp__map *map, int x0, int y0, int
     }
 }
 
-/* Where cells are added: column x of the map belongs to bin (x >> shift_x) - x0, rows likewise. */
+/* Where cells are added: column x of the map belongs to bin (x >> shift_x) - x0, rows likewise. A
+   cell that an edge cuts is divided further if it holds more than these sums, otherwise taken for
+   even: with zeros all sums are exact. */
 typedef struct envsamp__bins {
     envsamp__profile *columns, *rows;
     int x0, y0, shift_x, shift_y;
+    double least_sum, least_square;
 } envsamp__bins;
 
-/* Cells of a level: columns x0 to x1 of rows y0 to y1, the ends not included. */
-typedef struct envsamp__window { int x0, y0, x1, y1; } envsamp__window;
-
-/* Adds cells [x0, x1) of one row of a level to its row and to their columns. */
-static void envsamp__add_cells(const envsamp__map *map, int k, int y, int x0, int x1,
-                               const envsamp__rect *rect, const envsamp__bins *bins)
+static inline void envsamp__add_moments(const envsamp__bins *bins, int x, int y, double sum,
+                                        double square, float max)
 {
-    const envsamp__level *level = &map->levels[k];
     envsamp__profile *c = bins->columns, *r = bins->rows;
-    int shift = level->shift, row = ((y << shift) >> bins->shift_y) - bins->y0, x;
-    const envsamp__cell *cell = level->cells + (size_t)y * (size_t)level->width;
-    const float *texel = map->luminance + (size_t)y * (size_t)map->width;
-    double row_sr = level->row_sr[y], sum = 0.0, square = 0.0;
-    float max = 0.0f;
+    int column = (x >> bins->shift_x) - bins->x0, row = (y >> bins->shift_y) - bins->y0;
 
-    if (k == 0)
-        row_sr *= envsamp__overlap(rect->y0, rect->y1, (double)y, (double)(y + 1));
-    for (x = x0; x < x1; x++) {
-        int column = ((x << shift) >> bins->shift_x) - bins->x0;
-        double sr = row_sr * (k ? (double)envsamp__columns(map, level, x)
-                                : envsamp__overlap(rect->x0, rect->x1, (double)x,
-                                                   (double)(x + 1)));
-        double mean = k ? (double)cell[x].mean : (double)texel[x];
-        double rms = k ? (double)cell[x].rms : (double)texel[x];
-        float top = k ? cell[x].max : texel[x];
-        double part = sr * mean, part_square = sr * rms * rms;
-
-        sum += part;
-        square += part_square;
-        c->sum[column] += part;
-        c->square[column] += part_square;
-        c->max[column] = top > c->max[column] ? top : c->max[column];
-        max = top > max ? top : max;
-    }
+    c->sum[column] += sum;
+    c->square[column] += square;
+    c->max[column] = max > c->max[column] ? max : c->max[column];
     r->sum[row] += sum;
     r->square[row] += square;
     r->max[row] = max > r->max[row] ? max : r->max[row];
 }
 
-/* The cells of a level that are wholly inside a rectangle; of texels, all that it touches. */
-static envsamp__window envsamp__inside(const envsamp__map *map, int k, const envsamp__rect *r)
+/* Adds texels [x0, x1) of a row, of which the first and the last may be inside by a fraction. */
+static void envsamp__add_texels(const envsamp__map *map, int y, int x0, int x1,
+                                const envsamp__rect *rect, const envsamp__bins *bins)
 {
-    const envsamp__level *level = &map->levels[k];
-    int up = k ? (1 << level->shift) - 1 : 0, down = k ? 0 : 1;
+    const float *texel = map->luminance + (size_t)y * (size_t)map->width;
+    double sr = map->levels[0].row_sr[y] * envsamp__overlap(rect->y0, rect->y1, (double)y,
+                                                            (double)(y + 1));
+
+    while (x0 < x1) {
+        int end = envsamp__min(((x0 >> bins->shift_x) + 1) << bins->shift_x, x1), x;
+        double value = (double)texel[x0], max = value;
+        double sum = value * envsamp__overlap(rect->x0, rect->x1, (double)x0, (double)(x0 + 1));
+        double square = sum * value;
+
+        for (x = x0 + 1; x < end; x++) {
+            double inside = rect->x1 - (double)x, part;
+
+            value = (double)texel[x];
+            part = inside < 1.0 ? inside * value : value;
+            sum += part;
+            square += part * value;
+            max = value > max ? value : max;
+        }
+        envsamp__add_moments(bins, x0, y, sr * sum, sr * square, (float)max);
+        x0 = end;
+    }
+}
+
+/* Cells of a level: columns x0 to x1 of rows y0 to y1, the ends not included. */
+typedef struct envsamp__window { int x0, y0, x1, y1; } envsamp__window;
+
+/* Some cells whose parts inside a rectangle are to be added. At most a window of a profile's size
+   waits, and for each finer level three cells while the fourth is divided. */
+typedef struct envsamp__waiting { int k; envsamp__window cells; } envsamp__waiting;
+#define ENVSAMP__WAITING (ENVSAMP__PROFILE + 3 * ENVSAMP__LEVELS)
+
+/* What a cell is made of, as a window of the level below. */
+static envsamp__window envsamp__parts(const envsamp__map *map, int k, int x, int y)
+{
+    const envsamp__level *below = &map->levels[k - 1];
+    int shift = map->levels[k].shift - below->shift;
     envsamp__window w;
 
-    w.x0 = ((int)r->x0 + (k && r->x0 > (double)(int)r->x0) + up) >> level->shift;
-    w.y0 = ((int)r->y0 + (k && r->y0 > (double)(int)r->y0) + up) >> level->shift;
-    w.x1 = ((int)r->x1 + (down && r->x1 > (double)(int)r->x1)) >> level->shift;
-    w.y1 = ((int)r->y1 + (down && r->y1 > (double)(int)r->y1)) >> level->shift;
-    if (r->x1 >= (double)map->width)
-        w.x1 = level->width;
-    if (r->y1 >= (double)map->height)
-        w.y1 = level->height;
+    w.x0 = x << shift;
+    w.y0 = y << shift;
+    w.x1 = envsamp__min((x + 1) << shift, below->width);
+    w.y1 = envsamp__min((y + 1) << shift, below->height);
     return w;
 }
 
-/* Adds a rectangle to bins no narrower than the cells of level k: whole cells of that level, and
-   where they do not reach its edges, of finer ones around what was added before. */
-static void envsamp__add_rect(const envsamp__map *map, int k, const envsamp__rect *rect,
-                              const envsamp__bins *bins)
+/* Adds the parts inside a rectangle of one row of cells of level k > 0. Those that its edges cut, if
+   they hold much, wait instead to be divided. */
+static int envsamp__add_cells(const envsamp__map *map, int k, int y, int x0, int x1,
+                              const envsamp__rect *rect, const envsamp__bins *bins,
+                              envsamp__waiting *stack, int top)
 {
-    envsamp__window hole = { 0, 0, 0, 0 };
-    int y;
+    const envsamp__level *level = &map->levels[k];
+    const envsamp__cell *cell = level->cells + (size_t)y * (size_t)level->width;
+    double upper = envsamp__max((double)(y << level->shift), rect->y0);
+    double lower = (double)envsamp__min((y + 1) << level->shift, map->height), row_sr;
+    int cut_row = upper > (double)(y << level->shift) || lower > rect->y1, x;
 
-    for (; k >= 0; k--) {
-        envsamp__window w = envsamp__inside(map, k, rect);
-        int finer = k > 0 ? map->levels[k].shift - map->levels[k - 1].shift : 0;
+    lower = lower < rect->y1 ? lower : rect->y1;
+    row_sr = cut_row ? envsamp__rows_sr(map, upper, lower) : level->row_sr[y];
+    for (x = x0; x < x1; x++) {
+        double whole = (double)envsamp__columns(map, level, x), inside = whole;
+        double rms = (double)cell[x].rms, sum, square;
 
-        if (w.x0 >= w.x1 || w.y0 >= w.y1)
-            continue;
-        for (y = w.y0; memcmp(&w, &hole, sizeof w) && y < w.y1; y++) {
-            int around = y >= hole.y0 && y < hole.y1;
-
-            envsamp__add_cells(map, k, y, w.x0, around ? hole.x0 : w.x1, rect, bins);
-            if (around)
-                envsamp__add_cells(map, k, y, hole.x1, w.x1, rect, bins);
+        if (x == x0 || x + 1 == x1)
+            inside = envsamp__overlap(rect->x0, rect->x1, (double)(x << level->shift),
+                                      (double)(x << level->shift) + whole);
+        sum = row_sr * inside * (double)cell[x].mean;
+        square = row_sr * inside * rms * rms;
+        if ((cut_row || inside < whole)
+            && (sum > bins->least_sum || square > bins->least_square)) {
+            stack[top].k = k - 1;
+            stack[top++].cells = envsamp__parts(map, k, x, y);
+        } else if (inside > 0.0) {
+            envsamp__add_moments(bins, envsamp__max_int(x << level->shift, (int)rect->x0),
+                                 (int)upper, sum, square, cell[x].max);
         }
-        hole.x0 = w.x0 << finer;
-        hole.y0 = w.y0 << finer;
-        hole.x1 = w.x1 << finer;
-        hole.y1 = w.y1 << finer;
-        if (k > 0) {
-            hole.x1 = envsamp__min(hole.x1, map->levels[k - 1].width);
-            hole.y1 = envsamp__min(hole.y1, map->levels[k - 1].height);
-        }
+    }
+    return top;
+}
+
+/* Adds the parts inside a rectangle of the cells of level k in a window. */
+static void envsamp__add_rect(const envsamp__map *map, int k, const envsamp__window *window,
+                              const envsamp__rect *rect, const envsamp__bins *bins)
+{
+    envsamp__waiting stack[ENVSAMP__WAITING];
+    int top = 1, y;
+
+    stack[0].k = k;
+    stack[0].cells = *window;
+    while (top > 0) {
+        envsamp__window w = stack[--top].cells;
+
+        k = stack[top].k;
+        w.y0 = envsamp__max_int(w.y0, (int)rect->y0 >> map->levels[k].shift);
+        w.x0 = envsamp__max_int(w.x0, (int)rect->x0 >> map->levels[k].shift);
+        while (w.x1 > w.x0 && (double)((w.x1 - 1) << map->levels[k].shift) >= rect->x1)
+            w.x1--;
+        for (y = w.y0; y < w.y1 && (double)(y << map->levels[k].shift) < rect->y1; y++)
+            if (k == 0)
+                envsamp__add_texels(map, y, w.x0, w.x1, rect, bins);
+            else
+                top = envsamp__add_cells(map, k, y, w.x0, w.x1, rect, bins, stack, top);
     }
 }
 
@@ -1823,40 +1863,49 @@ static void envsamp__bin_weights(const envsamp__map *map, const envsamp__rect *r
     }
 }
 
-/* Columns and rows of a block at its level, and how many there are of each. */
-static envsamp__window envsamp__block_profile(envsamp__tree *tree, int k,
-                                              const envsamp__rect *rect)
+/* The cells of level k that a rectangle touches. */
+static envsamp__window envsamp__touched(const envsamp__map *map, int k, const envsamp__rect *rect)
+{
+    int shift = map->levels[k].shift;
+    envsamp__window w;
+
+    w.x0 = (int)rect->x0 >> shift;
+    w.y0 = (int)rect->y0 >> shift;
+    w.x1 = w.x0 + envsamp__cell_count(rect->x0, rect->x1, shift);
+    w.y1 = w.y0 + envsamp__cell_count(rect->y0, rect->y1, shift);
+    return w;
+}
+
+/* Columns and rows of a block at level k, and how many there are of each. */
+static envsamp__window envsamp__block_profile(envsamp__tree *tree, int k, const envsamp__block *b)
 {
     const envsamp__map *map = tree->map;
     const envsamp__level *level = &map->levels[k];
-    envsamp__window w;
+    envsamp__window w = envsamp__touched(map, k, &b->rect);
+    double sum = b->whole.sum, sr = envsamp__rect_sr(map, &b->rect);
     envsamp__bins bins;
 
-    w.x0 = (int)rect->x0 >> level->shift;
-    w.y0 = (int)rect->y0 >> level->shift;
-    w.x1 = w.x0 + envsamp__cell_count(rect->x0, rect->x1, level->shift);
-    w.y1 = w.y0 + envsamp__cell_count(rect->y0, rect->y1, level->shift);
     bins.columns = tree->columns;
     bins.rows = tree->rows;
     bins.x0 = w.x0;
     bins.y0 = w.y0;
     bins.shift_x = bins.shift_y = level->shift;
-    if (k == 0)
+    bins.least_sum = ENVSAMP__EVEN * sum;
+    bins.least_square = ENVSAMP__EVEN * envsamp__max(b->whole.square, sum * sum / sr);
+    envsamp__bin_weights(map, &b->rect, level->shift, w.x1 - w.x0, w.y1 - w.y0, &bins);
+    envsamp__profile_clear(tree->columns, w.x1 - w.x0);
+    if (k == 0) {
         envsamp__prefetch(map->luminance + (size_t)w.y0 * (size_t)map->width + w.x0,
                           (size_t)(w.x1 - w.x0) * sizeof(float),
                           (size_t)map->width * sizeof(float), w.y1 - w.y0);
-    else
-        envsamp__prefetch(level->cells + (size_t)w.y0 * (size_t)level->width + w.x0,
-                          (size_t)(w.x1 - w.x0) * sizeof(envsamp__cell),
-                          (size_t)level->width * sizeof(envsamp__cell), w.y1 - w.y0);
-    envsamp__bin_weights(map, rect, level->shift, w.x1 - w.x0, w.y1 - w.y0, &bins);
-    envsamp__profile_clear(tree->columns, w.x1 - w.x0);
-    if (k == 0) {
         envsamp__profile_texels(map, w.x0, w.y0, w.x1 - w.x0, w.y1 - w.y0, tree->columns,
                                 tree->rows);
     } else {
+        envsamp__prefetch(level->cells + (size_t)w.y0 * (size_t)level->width + w.x0,
+                          (size_t)(w.x1 - w.x0) * sizeof(envsamp__cell),
+                          (size_t)level->width * sizeof(envsamp__cell), w.y1 - w.y0);
         envsamp__profile_clear(tree->rows, w.y1 - w.y0);
-        envsamp__add_rect(map, k, rect, &bins);
+        envsamp__add_rect(map, k, &w, &b->rect, &bins);
     }
     return w;
 }
@@ -1931,7 +1980,7 @@ static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
 {
     const envsamp__map *map = tree->map;
     int k = envsamp__block_level(map, &b->rect);
-    envsamp__window w = envsamp__block_profile(tree, k, &b->rect);
+    envsamp__window w = envsamp__block_profile(tree, k, b);
     int width = w.x1 - w.x0, height = w.y1 - w.y0;
     int excess = tree->criterion == ENVSAMP_KD_EXCESS;
     double column_sr = envsamp__rows_sr(map, b->rect.y0, b->rect.y1);
@@ -2083,6 +2132,9 @@ static void envsamp__tree_grow(envsamp__tree *tree, int wanted)
  * ========================================================================================== */
 
 #define ENVSAMP__BLOCKS_PER_TILE 3
+#define ENVSAMP__EVEN_MEDIAN (1.0 / 256)
+#define ENVSAMP__MEDIAN_BINS 512        /* rectangles of so few rows, columns and texels are read */
+#define ENVSAMP__MEDIAN_TEXELS 8192     /* texel by texel */
 
 /* An edge as a table stores it: azimuth in turns. */
 static inline float envsamp__edge_x(const envsamp__map *map, double x)
@@ -2110,50 +2162,113 @@ static inline uint32_t envsamp__edge_key(float y)
     return bits >> 31 ? 0xff000000u - bits : bits;      /* 1 and -1 are the same: the equator */
 }
 
+/* Where the running sum of bins [0, count), each `size` texels wide from `first` on but clipped
+   to low and high, reaches `half`; `before` is the sum that lies left of them. */
+typedef struct envsamp__crossing { double low, high, before, f; } envsamp__crossing;
+
+static envsamp__crossing envsamp__cross(const double *sum, int count, int first, int size,
+                                        double low, double high, double before, double half)
+{
+    envsamp__crossing c;
+    int i;
+
+    for (i = 0; i + 1 < count && before + sum[i] < half; i++)
+        before += sum[i];
+    c.low = envsamp__max(low, (double)(first + i * size));
+    c.high = (double)(first + (i + 1) * size) < high ? (double)(first + (i + 1) * size) : high;
+    c.before = before;
+    c.f = sum[i] > 0.0 ? (half - before) / sum[i] : 0.5;
+    c.f = c.f > 0.0 ? (c.f < 1.0 ? c.f : 1.0) : 0.0;
+    return c;
+}
+
+/* Light of each column, or row, of a rectangle, from all its texels. */
+static void envsamp__texel_sums(const envsamp__map *map, const envsamp__rect *r, int axis,
+                                const envsamp__window *w, double *sum)
+{
+    float column[ENVSAMP__MEDIAN_BINS];
+    int width = w->x1 - w->x0, x, y;
+
+    for (x = 0; x < width && axis == 0; x++)
+        column[x] = 0.0f;
+    for (y = w->y0; y < w->y1; y++) {
+        const float *texel = map->luminance + (size_t)y * (size_t)map->width + w->x0;
+        double sr = map->levels[0].row_sr[y]
+                  * envsamp__overlap(r->y0, r->y1, (double)y, (double)(y + 1));
+        float weight = (float)sr, lane[4] = { 0.0f, 0.0f, 0.0f, 0.0f };
+        double first = r->x0 - (double)w->x0, last = (double)w->x1 - r->x1;
+
+        if (axis == 0) {
+            for (x = 0; x < width; x++)
+                column[x] += weight * texel[x];
+            continue;
+        }
+        for (x = 0; x + 4 <= width; x += 4) {
+            lane[0] += texel[x];
+            lane[1] += texel[x + 1];
+            lane[2] += texel[x + 2];
+            lane[3] += texel[x + 3];
+        }
+        for (; x < width; x++)
+            lane[0] += texel[x];
+        sum[y - w->y0] = sr * ((double)((lane[0] + lane[1]) + (lane[2] + lane[3]))
+                               - first * (double)texel[0] - last * (double)texel[width - 1]);
+    }
+    for (x = 0; x < width && axis == 0; x++)
+        sum[x] = (double)column[x] * envsamp__overlap(r->x0, r->x1, (double)(w->x0 + x),
+                                                      (double)(w->x0 + x + 1));
+}
+
 /* Where the light of a rectangle left of, or above, a place is half of the whole: found in bins of
-   cells, then of smaller cells within the bin, at last in a row or column of texels. */
-static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, int axis)
+   cells, then of smaller cells within the bin, at last in rows or columns of texels. */
+static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, int axis,
+                              double light)
 {
     const envsamp__map *map = tree->map;
     envsamp__profile *profile = axis ? tree->rows : tree->columns;
+    double texel_sum[ENVSAMP__MEDIAN_BINS], half = -1.0;
     envsamp__rect r = *rect;
     double *low = axis ? &r.y0 : &r.x0, *high = axis ? &r.y1 : &r.x1;
-    double before = 0.0, half = -1.0;
+    envsamp__crossing c = { 0.0, 0.0, 0.0, 0.0 };
     envsamp__bins bins;
 
     bins.columns = tree->columns;
     bins.rows = tree->rows;
+    bins.least_sum = ENVSAMP__EVEN_MEDIAN * light;
+    bins.least_square = DBL_MAX;
     for (;;) {
-        double total = 0.0;
-        int k = 0, shift, first, count, i;
+        envsamp__window w = envsamp__touched(map, 0, &r);
+        int k = 0, count = axis ? w.y1 - w.y0 : w.x1 - w.x0, shift, i;
+        int texels = count <= ENVSAMP__MEDIAN_BINS
+                  && (int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__MEDIAN_TEXELS;
+        double *sum = texels ? texel_sum : profile->sum, total = 0.0;
 
-        while (k + 1 < map->level_count
+        while (!texels && k + 1 < map->level_count
                && envsamp__cell_count(*low, *high, map->levels[k].shift) > 16)
             k++;
         shift = map->levels[k].shift;
-        first = (int)*low >> shift;
-        count = envsamp__cell_count(*low, *high, shift);
-        bins.x0 = axis ? 0 : first;
-        bins.y0 = axis ? first : 0;
-        bins.shift_x = axis ? 16 : shift;       /* the other axis is one bin */
-        bins.shift_y = axis ? shift : 16;
-        envsamp__profile_clear(bins.columns, axis ? 1 : count);
-        envsamp__profile_clear(bins.rows, axis ? count : 1);
-        envsamp__add_rect(map, k, &r, &bins);
-        for (i = 0; i < count; i++)
-            total += profile->sum[i];
-        half = half < 0.0 ? 0.5 * total : half;
-        for (i = 0; i + 1 < count && before + profile->sum[i] < half; i++)
-            before += profile->sum[i];
-        *low = envsamp__max(*low, (double)((first + i) << shift));
-        if (*high > (double)((first + i + 1) << shift))
-            *high = (double)((first + i + 1) << shift);
-        if (k == 0) {
-            double f = profile->sum[i] > 0.0 ? (half - before) / profile->sum[i] : 0.5;
-
-            f = f > 0.0 ? f : 0.0;
-            return *low + (f < 1.0 ? f : 1.0) * (*high - *low);
+        w = envsamp__touched(map, k, &r);
+        count = axis ? w.y1 - w.y0 : w.x1 - w.x0;
+        if (texels) {
+            envsamp__texel_sums(map, &r, axis, &w, sum);
+        } else {
+            bins.x0 = axis ? 0 : w.x0;
+            bins.y0 = axis ? w.y0 : 0;
+            bins.shift_x = axis ? 16 : shift;       /* the other axis is one bin */
+            bins.shift_y = axis ? shift : 16;
+            envsamp__profile_clear(bins.columns, axis ? 1 : count);
+            envsamp__profile_clear(bins.rows, axis ? count : 1);
+            envsamp__add_rect(map, k, &w, &r, &bins);
         }
+        for (i = 0; i < count; i++)
+            total += sum[i];
+        half = half < 0.0 ? 0.5 * total : half;
+        c = envsamp__cross(sum, count, (axis ? w.y0 : w.x0) << shift, 1 << shift, *low, *high,
+                           c.before, half);
+        if (k == 0)
+            return c.low + c.f * (c.high - c.low);
+        *low = c.low;
+        *high = c.high;
     }
 }
 
@@ -2174,13 +2289,14 @@ static double envsamp__storable(const envsamp__map *map, double at, int axis)
     return (double)row + (f < 1.0 ? f : 1.0);
 }
 
-/* Halves the light of block `index` of one level of the crown; the halves are blocks 2 index and
-   2 index + 1 of the next. Fails where floats are too coarse for a cut between the edges. */
-static int envsamp__halve(envsamp__tree *tree, int index, int axis, envsamp__cut *cut)
+/* Halves the light of a block of the crown; its halves are blocks 2 index + 1 and 2 index + 2.
+   Fails where floats are too coarse for a cut between the edges. */
+static int envsamp__halve(envsamp__tree *tree, int index, int axis, double light)
 {
     const envsamp__map *map = tree->map;
+    envsamp__cut *cut = &tree->cuts[index];
     envsamp__rect low = tree->blocks[index].rect, high = low;
-    double at = envsamp__storable(map, envsamp__median(tree, &low, axis), axis);
+    double at = envsamp__storable(map, envsamp__median(tree, &low, axis, light), axis);
 
     cut->axis = axis;
     cut->at = at;
@@ -2196,38 +2312,141 @@ static int envsamp__halve(envsamp__tree *tree, int index, int axis, envsamp__cut
         low.x1 = high.x0 = at;
     else
         low.y1 = high.y0 = at;
-    tree->blocks[2 * index].rect = low;
-    tree->blocks[2 * index + 1].rect = high;
+    tree->blocks[2 * index + 1].rect = low;
+    tree->blocks[2 * index + 2].rect = high;
     return 1;
 }
 
-/* Cuts the map into 2^bits tiles, the first blocks. Cut i has the children 2 i + 1 and 2 i + 2. */
+/* Halves the blocks of levels [from, to) of the crown below block `index` of its level `from`. */
+static int envsamp__crown_levels(envsamp__tree *tree, int index, int from, int to)
+{
+    int level, i;
+
+    for (level = from; level < to; level++)
+        for (i = index << (level - from); i < (index + 1) << (level - from); i++)
+            if (!envsamp__halve(tree, (1 << level) - 1 + i, level & 1,
+                                tree->map->integral / (double)(1 << level)))
+                return 0;
+    return 1;
+}
+
+/* Cuts the map into 2^bits tiles, the first blocks: the upper levels one after another, the lower
+   ones a part of the map at a time, so that it stays in the cache. There are more blocks than
+   the 2^(bits + 1) - 1 of the crown. */
 static int envsamp__crown(envsamp__tree *tree, int bits)
 {
     envsamp__block *blocks = tree->blocks;
-    int level, i;
+    int upper = bits > 5 ? bits - 5 : 0, i;
 
     tree->tile_bits = bits;
     blocks[0].rect.x0 = blocks[0].rect.y0 = 0.0;
     blocks[0].rect.x1 = (double)tree->map->width;
     blocks[0].rect.y1 = (double)tree->map->height;
-    for (level = 0; level < bits; level++)
-        for (i = (1 << level) - 1; i >= 0; i--) {
-            envsamp__cut *cut = &tree->cuts[(1 << level) - 1 + i];
-            uint32_t child = (uint32_t)(2 * i) + (2u << level) - 1;
+    if (!envsamp__crown_levels(tree, 0, 0, upper))
+        return 0;
+    for (i = 0; i < 1 << upper; i++)
+        if (!envsamp__crown_levels(tree, i, upper, bits))
+            return 0;
+    for (i = 0; i < (1 << bits) - 1; i++) {
+        uint32_t child = (uint32_t)(2 * i + 1), tiles = (1u << bits) - 1;
 
-            if (!envsamp__halve(tree, i, level & 1, cut))
-                return 0;
-            if (level + 1 == bits)
-                child = ENVSAMP__LEAF | (uint32_t)(2 * i);
-            cut->child[0] = child;
-            cut->child[1] = child + 1;
-        }
+        tree->cuts[i].child[0] = child < tiles ? child : ENVSAMP__LEAF | (child - tiles);
+        tree->cuts[i].child[1] = tree->cuts[i].child[0] + 1;
+    }
     for (i = 0; i < 1 << bits; i++) {
+        blocks[i].rect = blocks[(1 << bits) - 1 + i].rect;
+        blocks[i].whole.sum = tree->map->integral / (double)(1 << bits);
+        blocks[i].whole.square = 0.0;
         blocks[i].depth = 0;
         blocks[i].slot = bits ? (uint32_t)(i + (1 << bits) - 2) : ENVSAMP__LEAF;
     }
     return 1;
+}
+
+/* Adds `count` texels to as many lanes. */
+static inline void envsamp__add_lanes(const float *texel, int count, double *sum, double *square,
+                                      float *max)
+{
+    int i;
+
+    for (i = 0; i < count; i++) {
+        double value = (double)texel[i];
+
+        sum[i] += value;
+        square[i] += value * value;
+    }
+    for (i = 0; i < count; i++)
+        max[i] = texel[i] > max[i] ? texel[i] : max[i];
+}
+
+/* Moments of a part of the map, from all its texels. */
+static envsamp__moments envsamp__texel_moments(const envsamp__map *map, const envsamp__rect *rect)
+{
+    envsamp__window w = envsamp__touched(map, 0, rect);
+    envsamp__moments m = { 0.0, 0.0, 0.0f };
+    int last = w.x1 - 1, x, y, i;
+    double left = envsamp__overlap(rect->x0, rect->x1, (double)w.x0, (double)(w.x0 + 1));
+    double right = last > w.x0 ? rect->x1 - (double)last : 0.0;
+
+    for (y = w.y0; y < w.y1; y++) {
+        const float *row = map->luminance + (size_t)y * (size_t)map->width;
+        double sr = map->levels[0].row_sr[y]
+                  * envsamp__overlap(rect->y0, rect->y1, (double)y, (double)(y + 1));
+        double a = (double)row[w.x0], b = (double)row[last];
+        double sum[4], square[4];
+        float max[4];
+
+        for (i = 0; i < 4; i++) {
+            sum[i] = square[i] = 0.0;
+            max[i] = row[i & 1 ? w.x0 : last];
+        }
+        for (x = w.x0 + 1; x + 4 <= last; x += 4)
+            envsamp__add_lanes(row + x, 4, sum, square, max);
+        if (x < last)
+            envsamp__add_lanes(row + x, last - x, sum, square, max);
+        m.sum += sr * ((sum[0] + sum[1]) + (sum[2] + sum[3]) + left * a + right * b);
+        m.square += sr * ((square[0] + square[1]) + (square[2] + square[3])
+                          + left * a * a + right * b * b);
+        for (i = 0; i < 4; i++)
+            m.max = max[i] > m.max ? max[i] : m.max;
+    }
+    return m;
+}
+
+/* Moments of blocks as they are, where splits were searched in sums that took cut cells for even:
+   of small blocks from their texels, which are asked for ahead, for they lie anywhere. */
+static void envsamp__exact_moments(envsamp__tree *tree)
+{
+    const envsamp__map *map = tree->map;
+    envsamp__bins bins;
+    int i;
+
+    memset(&bins, 0, sizeof bins);
+    bins.columns = tree->columns;
+    bins.rows = tree->rows;
+    bins.shift_x = bins.shift_y = 16;       /* all in one bin */
+    for (i = 0; i < tree->block_count; i++) {
+        envsamp__block *b = &tree->blocks[i];
+        int k = envsamp__block_level(map, &b->rect);
+        envsamp__window w = envsamp__touched(map, k, &b->rect);
+
+        if (i + 4 < tree->block_count) {
+            envsamp__window next = envsamp__touched(map, 0, &tree->blocks[i + 4].rect);
+
+            envsamp__prefetch(map->luminance + (size_t)next.y0 * (size_t)map->width + next.x0,
+                              (size_t)envsamp__min(next.x1 - next.x0, 64) * sizeof(float),
+                              (size_t)map->width * sizeof(float),
+                              envsamp__min(next.y1 - next.y0, 64));
+        }
+        if (map->levels[k].shift <= 3) {
+            b->whole = envsamp__texel_moments(map, &b->rect);
+            continue;
+        }
+        envsamp__profile_clear(tree->columns, 1);
+        envsamp__profile_clear(tree->rows, 1);
+        envsamp__add_rect(map, k, &w, &b->rect, &bins);
+        b->whole = envsamp__profile_moments(tree->rows, 0, 1);
+    }
 }
 
 static int envsamp__most_tile_bits(int block_limit)
@@ -3667,6 +3886,8 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
     else
         envsamp__crown(&work.tree, 0);
     envsamp__tree_grow(&work.tree, work.block_limit);
+    if (desc->select == ENVSAMP_KD_WARP)
+        envsamp__exact_moments(&work.tree);
     envsamp__kd_write(&work, header);
     *kd = header;
     return ENVSAMP_OK;
