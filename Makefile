@@ -11,20 +11,26 @@ STRICT   := -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion \
 STRICT_C := $(STRICT) -Wstrict-prototypes -Wmissing-prototypes
 COMPILE   = $(CC) -std=c99 $(CFLAGS) $(STRICT_C) -I. -Iexamples/common
 
+# Elsewhere than on x86 bench_batch says that it is skipped.
+AVX2        := $(shell $(CC) -mavx2 -E -x c /dev/null >/dev/null 2>&1 && echo -mavx2)
+BATCH_FLAGS := -O3 $(AVX2)
+
 EXR_CFLAGS = -DHAVE_OPENEXR $(shell pkg-config --cflags OpenEXR 2>/dev/null)
 EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
 
 COMMON   := examples/common/image.c examples/common/maps.c
 DEMO     := examples/demo.c examples/common/picture.c bench/baselines.c
+TIMED    := bench/baselines.c bench/input.c
+PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard examples/common/*.h tests/*.h bench/*.h)
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 TEST_AID := $(filter-out $(wildcard tests/test_*.c),$(wildcard tests/*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 
-.PHONY: help demo test bench figures data setup clean
+.PHONY: help demo test bench figures convergence data setup clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-10s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
 
 # A real map needs the build that reads EXR, which needs libopenexr.
 ifdef ENV
@@ -39,11 +45,16 @@ test: setup $(TESTS) $(BUILD)/quickstart $(BUILD)/demo_exr  ## build and run all
 	CC="$(CC)" CXX="$(CXX)" prove --timer --exec '' $(TESTS) $(SCRIPTS)
 
 # MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.
-bench: $(BUILD)/bench  ## time sampling, pdf and builds against other samplers; MAP=name or file
+bench: $(BUILD)/bench $(BUILD)/bench_batch  ## time it against other samplers; MAP=name or file
 	$(BUILD)/bench $(MAP)
+	$(BUILD)/bench_batch $(MAP)
 
-figures: $(BUILD)/figures  ## variance, fits and distributions over the real maps
-	$(BUILD)/figures
+figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; POINTS=10000000
+	$(BUILD)/figures $(POINTS)
+
+convergence: $(BUILD)/convergence  ## error of irradiance over the number of samples, and a plot
+	@mkdir -p $(BUILD)/pictures
+	$(BUILD)/convergence -o $(BUILD)/pictures/convergence.png
 
 data: setup $(BUILD)/exr_to_pfm  ## fetch 18 real maps into data/
 	sh examples/common/fetch_data.sh $(DATA) $(BUILD)/exr_to_pfm
@@ -71,8 +82,19 @@ $(BUILD)/exr_to_pfm: examples/common/exr_to_pfm.c examples/common/image.c exampl
 	$(COMPILE) $(EXR_CFLAGS) examples/common/exr_to_pfm.c examples/common/image.c \
 	    examples/common/exr.c $(EXR_LIBS) -lm -o $@
 
-$(BUILD)/bench: bench/bench.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/bench.c bench/baselines.c $(COMMON) -lm -o $@
+$(BUILD)/bench: bench/bench.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/bench.c $(TIMED) $(COMMON) -lm -o $@
+
+# The library with AVX2 beside a scalar baseline that is compiled as everything else is.
+$(BUILD)/baselines.o: bench/baselines.c $(HEADERS) | $(BUILD)
+	$(COMPILE) -O2 -c bench/baselines.c -o $@
+
+$(BUILD)/bench_batch: bench/bench_batch.c bench/input.c $(BUILD)/baselines.o $(COMMON) $(HEADERS)
+	$(COMPILE) $(BATCH_FLAGS) -DBENCH_FLAGS='"$(BATCH_FLAGS)"' bench/bench_batch.c bench/input.c \
+	    $(BUILD)/baselines.o $(COMMON) -lm -o $@
+
+$(BUILD)/convergence: bench/convergence.c $(PLOTTED) $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) bench/convergence.c $(PLOTTED) $(COMMON) -lm -o $@
 
 $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/figures.c $(COMMON) -lm -o $@

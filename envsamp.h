@@ -1777,10 +1777,11 @@ static void envsamp__add_texels(const envsamp__map *map, int y, int x0, int x1,
 /* Cells of a level: columns x0 to x1 of rows y0 to y1, the ends not included. */
 typedef struct envsamp__window { int x0, y0, x1, y1; } envsamp__window;
 
-/* Some cells whose parts inside a rectangle are to be added. At most a window of a profile's size
-   waits, and for each finer level three cells while the fourth is divided. */
+/* Cells whose parts inside a rectangle are to be added. At most a run of cells waits, and for each
+   finer level three while the fourth is divided. */
 typedef struct envsamp__waiting { int k; envsamp__window cells; } envsamp__waiting;
-#define ENVSAMP__WAITING (ENVSAMP__PROFILE + 3 * ENVSAMP__LEVELS)
+#define ENVSAMP__RUN 16
+#define ENVSAMP__WAITING (ENVSAMP__RUN + 3 * ENVSAMP__LEVELS)
 
 /* What a cell is made of, as a window of the level below. */
 static envsamp__window envsamp__parts(const envsamp__map *map, int k, int x, int y)
@@ -1796,8 +1797,8 @@ static envsamp__window envsamp__parts(const envsamp__map *map, int k, int x, int
     return w;
 }
 
-/* Adds the parts inside a rectangle of one row of cells of level k > 0. Those that its edges cut,
-   if they hold much, wait instead to be divided. */
+/* Adds the parts inside a rectangle of cells in one row of level k > 0. Those that its edges cut,
+   if they hold much, wait instead to be divided. Returns how many wait with those before them. */
 static int envsamp__add_cells(const envsamp__map *map, int k, int y, int x0, int x1,
                               const envsamp__rect *rect, const envsamp__bins *bins,
                               envsamp__waiting *stack, int top)
@@ -1831,29 +1832,43 @@ static int envsamp__add_cells(const envsamp__map *map, int k, int y, int x0, int
     return top;
 }
 
-/* Adds the parts inside a rectangle of the cells of level k in a window. */
-static void envsamp__add_rect(const envsamp__map *map, int k, const envsamp__window *window,
-                              const envsamp__rect *rect, const envsamp__bins *bins)
+/* Divides the cells that wait until none is left. */
+static void envsamp__add_waiting(const envsamp__map *map, const envsamp__rect *rect,
+                                 const envsamp__bins *bins, envsamp__waiting *stack, int top)
 {
-    envsamp__waiting stack[ENVSAMP__WAITING];
-    int top = 1, y;
-
-    stack[0].k = k;
-    stack[0].cells = *window;
     while (top > 0) {
         envsamp__window w = stack[--top].cells;
+        int k = stack[top].k, shift = map->levels[k].shift, y;
 
-        k = stack[top].k;
-        w.y0 = envsamp__max_int(w.y0, (int)rect->y0 >> map->levels[k].shift);
-        w.x0 = envsamp__max_int(w.x0, (int)rect->x0 >> map->levels[k].shift);
-        while (w.x1 > w.x0 && (double)((w.x1 - 1) << map->levels[k].shift) >= rect->x1)
+        w.x0 = envsamp__max_int(w.x0, (int)rect->x0 >> shift);
+        w.y0 = envsamp__max_int(w.y0, (int)rect->y0 >> shift);
+        while (w.x1 > w.x0 && (double)((w.x1 - 1) << shift) >= rect->x1)
             w.x1--;
-        for (y = w.y0; y < w.y1 && (double)(y << map->levels[k].shift) < rect->y1; y++)
+        for (y = w.y0; y < w.y1 && (double)(y << shift) < rect->y1; y++)
             if (k == 0)
                 envsamp__add_texels(map, y, w.x0, w.x1, rect, bins);
             else
                 top = envsamp__add_cells(map, k, y, w.x0, w.x1, rect, bins, stack, top);
     }
+}
+
+/* Adds the parts inside a rectangle of the cells of level k that it touches. */
+static void envsamp__add_rect(const envsamp__map *map, int k, const envsamp__window *w,
+                              const envsamp__rect *rect, const envsamp__bins *bins)
+{
+    envsamp__waiting stack[ENVSAMP__WAITING];
+    int x, y;
+
+    for (y = w->y0; y < w->y1; y++)
+        for (x = w->x0; x < w->x1; x += ENVSAMP__RUN) {
+            int end = envsamp__min(x + ENVSAMP__RUN, w->x1);
+
+            if (k == 0)
+                envsamp__add_texels(map, y, x, end, rect, bins);
+            else
+                envsamp__add_waiting(map, rect, bins, stack,
+                                     envsamp__add_cells(map, k, y, x, end, rect, bins, stack, 0));
+        }
 }
 
 /* Cells of a level that the texels from low to high reach. */
@@ -2222,8 +2237,9 @@ static envsamp__crossing envsamp__cross(const double *sum, int count, int first,
 static void envsamp__texel_sums(const envsamp__map *map, const envsamp__rect *r, int axis,
                                 const envsamp__window *w, double *sum)
 {
+    const float small = 1.0f / 1024.0f;     /* FLT_MAX in every texel does not overflow */
     float column[ENVSAMP__MEDIAN_BINS];
-    int width = w->x1 - w->x0, x, y;
+    int width = w->x1 - w->x0, x, y, i;
 
     for (x = 0; x < width && axis == 0; x++)
         column[x] = 0.0f;
@@ -2239,16 +2255,14 @@ static void envsamp__texel_sums(const envsamp__map *map, const envsamp__rect *r,
                 column[x] += weight * texel[x];
             continue;
         }
-        for (x = 0; x + 4 <= width; x += 4) {
-            lane[0] += texel[x];
-            lane[1] += texel[x + 1];
-            lane[2] += texel[x + 2];
-            lane[3] += texel[x + 3];
-        }
+        for (x = 0; x + 4 <= width; x += 4)
+            for (i = 0; i < 4; i++)
+                lane[i] += small * texel[x + i];
         for (; x < width; x++)
-            lane[0] += texel[x];
+            lane[0] += small * texel[x];
         sum[y - w->y0] = sr * ((double)((lane[0] + lane[1]) + (lane[2] + lane[3]))
-                               - first * (double)texel[0] - last * (double)texel[width - 1]);
+                               / (double)small - first * (double)texel[0]
+                               - last * (double)texel[width - 1]);
     }
     for (x = 0; x < width && axis == 0; x++)
         sum[x] = (double)column[x] * envsamp__overlap(r->x0, r->x1, (double)(w->x0 + x),
@@ -4407,13 +4421,15 @@ ENVSAMP__HOT void envsamp__sample_batch(const envsamp_kd *kd, int n, const float
         envsamp__alias_batch(kd, n, u, v, &batch);
     else
         envsamp__fit_batch(kd, n, u, v, &batch);
-    for (i = 0; i < n; i++)
+    for (i = 0; i < n; i++) {
         sine[i] = batch.north[i] * batch.south[i];
+        batch.x[i] = envsamp__clamp_unit(batch.x[i]);
+    }
     envsamp__sqrt_n(sine, n);
     for (i = 0; i < n; i++) {
-        envsamp__point p = { 0.0f, 0.0f, 0.0f };
+        envsamp__point p;
 
-        p.x = envsamp__clamp_unit(batch.x[i]);
+        p.x = batch.x[i];
         p.north = batch.north[i];
         p.south = batch.south[i];
         envsamp__point_dir(p, sine[i], &x[i], &y[i], &z[i]);

@@ -1,18 +1,18 @@
 /* figures.c: what kd tables cost in variance, map by map, beside brute-force minima of the fits.
  *
- *     figures            prints tables on stdout, progress on stderr; takes a few minutes
+ *     figures [POINTS]   prints tables on stdout, progress on stderr; takes a few minutes.
+ *                        POINTS: how many a map WARP is inverted at, default 1000000
  *
  * Reads the real maps that `make data` fetches, or, where one is missing, takes made-up maps.
  */
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
-#include "../examples/common/maps.h"
-#include "../tests/kd_reference.h"
+#include "../examples/common/random.h"
+#include "map_set.h"
+#include "warp_walk.h"
 
 #define BLOCKS 6144
-#define MADE_COUNT 4
-#define MAPS_MAX REFERENCE_REAL_COUNT
 #define SIZES 4                 /* block counts at which L1 is compared with a scan */
 
 static const int sizes[SIZES] = { 16, 256, 6144, 65536 };
@@ -24,23 +24,20 @@ enum {
     RATIO, RATIO_FIT,                               /* largest L / (pdf integral) */
     DRAWN, DRAWN_FIT,                               /* total variation over all u0 */
     LEAST, GAP = LEAST + SIZES,                     /* least L1 of a scan; worst gap above it */
+    FEW, DEFAULT, MANY,                             /* excess variance of WARP by blocks */
+    RATIO_WARP, CUTS, DEEPEST,
+    ACROSS, DOWN, CROSSED, BACK, BACK_ANY,          /* see fill_inverse */
     COLUMNS
 };
 
 static const char *const headings[COLUMNS] = {
     "SSE", "VARIANCE", "RANGE", "EXCESS", "LOG L1", "LOG CHI2", "POW L1", "POW CHI2",
     "alpha", "beta", "l1", "ratio", "fit ratio", "drawn", "fit drawn",
-    "l1 16", "l1 256", "l1 6144", "l1 65536", "worst gap"
+    "l1 16", "l1 256", "l1 6144", "l1 65536", "worst gap",
+    "1024", "6144", "16384", "ratio", "cuts", "deepest", "u0", "u1", "crossed", "back", "back any"
 };
 
 typedef struct row { double value[COLUMNS]; } row;
-
-static const char *made_name(int index)
-{
-    static const char *const names[MADE_COUNT] = { "sky", "studio", "night", "foliage" };
-
-    return names[index];
-}
 
 static void fill_alias(const image *map, row *out)
 {
@@ -112,13 +109,142 @@ static void fill_gaps(const image *map, row *out)
     }
 }
 
+/* ---- WARP: invert undoes sample ---- */
+
+/* What the inverses of one map come to: the worst of each, and how many were counted. */
+typedef struct inverse {
+    double error[2];            /* |invert(sample(u)) - u|, see error_unit */
+    double angle, angle_any;    /* of sample(invert(dir)) and dir: a sample's, any */
+    int crossed;
+} inverse;
+
+static double angle_between(const float a[3], const float b[3])
+{
+    const double x = (double)a[1] * (double)b[2] - (double)a[2] * (double)b[1];
+    const double y = (double)a[2] * (double)b[0] - (double)a[0] * (double)b[2];
+    const double z = (double)a[0] * (double)b[1] - (double)a[1] * (double)b[0];
+
+    return atan2(sqrt(x * x + y * y + z * z), (double)a[0] * (double)b[0]
+                 + (double)a[1] * (double)b[1] + (double)a[2] * (double)b[2]);
+}
+
+/* v of an edge, as a table stores it. */
+static double edge_v(float edge)
+{
+    const double v = 2.0 * asin(sqrt(0.5 * fabs((double)edge))) / KD_PI;
+
+    return signbit(edge) ? 1.0 - v : v;
+}
+
+/* What half a unit in the last place of the map means in u: 2^-24, times how much longer the block
+   is in the unit square than in the map, if it is. */
+static void error_unit(const envsamp_kd *kd, const warp_leaf *leaf, double unit[2])
+{
+    const double across = ((double)leaf->cut[1] - (double)leaf->cut[0])
+                        / (double)(1 << kd->tile_bits_x);
+    const double down = ((double)leaf->cut[3] - (double)leaf->cut[2])
+                      / (double)(1 << kd->tile_bits_y);
+
+    unit[0] = fmax(across / ((double)leaf->edge[1] - (double)leaf->edge[0]), 1.0) / 16777216.0;
+    unit[1] = fmax(down / (edge_v(leaf->edge[3]) - edge_v(leaf->edge[2])), 1.0) / 16777216.0;
+}
+
+/* A direction that rounds across the edge of its block comes back from the next one, where the
+   numbers may be others: it is counted, and its error is not. */
+static void add_sampled(const envsamp_kd *kd, const float u[2], inverse *out)
+{
+    const warp_leaf leaf = warp_locate(kd, u);
+    const envsamp_sample s = envsamp_kd_sample(kd, u[0], u[1]);
+    warp_leaf found;
+    double unit[2];
+    float back[2];
+    int k;
+
+    if (!envsamp_kd_invert(kd, s.dir, back)) {
+        out->crossed++;
+        return;
+    }
+    out->angle = fmax(out->angle,
+                      angle_between(s.dir, envsamp_kd_sample(kd, back[0], back[1]).dir));
+    found = warp_locate(kd, back);
+    if (found.tile != leaf.tile || found.path != leaf.path) {
+        out->crossed++;
+        return;
+    }
+    error_unit(kd, &leaf, unit);
+    for (k = 0; k < 2; k++)
+        out->error[k] = fmax(out->error[k], fabs((double)back[k] - (double)u[k]) / unit[k]);
+}
+
+static void add_any(const envsamp_kd *kd, const float u[2], inverse *out)
+{
+    const float z = 1.0f - 2.0f * u[0], r = sqrtf(1.0f - z * z), phi = 6.2831853f * u[1];
+    float dir[3], back[2];
+
+    dir[0] = r * cosf(phi);
+    dir[1] = r * sinf(phi);
+    dir[2] = z;
+    if (envsamp_kd_invert(kd, dir, back))
+        out->angle_any = fmax(out->angle_any,
+                              angle_between(dir, envsamp_kd_sample(kd, back[0], back[1]).dir));
+}
+
+/* ACROSS, DOWN: the worst error of u0 and u1. CROSSED: share of points whose direction rounds
+   across an edge. BACK: the worst angle, in radians, of sampling what a sample's direction is
+   inverted to; BACK_ANY: what any direction is. */
+static void fill_inverse(const envsamp_kd *kd, int points, row *out)
+{
+    pcg32 random = pcg32_make(3, 3);
+    inverse worst;
+    float u[2];
+    int i;
+
+    memset(&worst, 0, sizeof worst);
+    for (i = 0; i < points; i++) {
+        u[0] = pcg32_float(&random);
+        u[1] = pcg32_float(&random);
+        add_sampled(kd, u, &worst);
+        add_any(kd, u, &worst);
+    }
+    out->value[ACROSS] = worst.error[0];
+    out->value[DOWN] = worst.error[1];
+    out->value[CROSSED] = (double)worst.crossed / points;
+    out->value[BACK] = worst.angle;
+    out->value[BACK_ANY] = worst.angle_any;
+}
+
+static void fill_warp(const image *map, int points, row *out)
+{
+    static const int blocks[3] = { 1024, BLOCKS, 16384 };
+    const envsamp_image view = kd_image(map->rgb, map->width, map->height, 3);
+    int i;
+
+    for (i = 0; i < 3; i++) {
+        const envsamp_kd_desc desc = kd_desc(blocks[i], ENVSAMP_KD_WARP);
+        kd_fixture f;
+
+        if (kd_fixture_build(&f, &view, &desc))
+            out->value[FEW + i] = f.info.excess_variance;
+        if (f.kd && blocks[i] == BLOCKS) {
+            const warp_cuts cuts = warp_count_cuts(f.kd);
+
+            out->value[RATIO_WARP] = f.info.max_ratio;
+            out->value[CUTS] = cuts.expected;
+            out->value[DEEPEST] = cuts.deepest;
+            fill_inverse(f.kd, points, out);
+        }
+        kd_fixture_free(&f);
+    }
+}
+
 /* ---- printing ---- */
 
 static void print_value(int column, double value)
 {
-    if (column == ALPHA || column == BETA || column == RATIO || column == RATIO_FIT)
+    if (column == ALPHA || column == BETA || column == RATIO || column == RATIO_FIT
+        || (column >= RATIO_WARP && column <= DOWN))
         printf(" %9.3g", value);
-    else if (column == DRAWN || column == DRAWN_FIT || column == GAP)
+    else if (column == DRAWN || column == DRAWN_FIT || column == GAP || column >= CROSSED)
         printf(" %9.1e", value);
     else
         printf(" %9.5f", value);
@@ -137,7 +263,7 @@ static void print_row(const char *name, const row *values, int from, int to)
 /* Median and maximum of every column. */
 static void summarise(const row *rows, int count, row *median, row *maximum)
 {
-    double sorted[MAPS_MAX];
+    double sorted[MAP_SET_MAX];
     int i, k;
 
     for (k = 0; k < COLUMNS; k++) {
@@ -149,8 +275,8 @@ static void summarise(const row *rows, int count, row *median, row *maximum)
     }
 }
 
-static void print_table(const char *title, const char *const *names, const row *rows, int count,
-                        int from, int to)
+static void print_table(const char *title, const map_set *set, const row *rows, int from,
+                        int to)
 {
     row median, maximum;
     int i;
@@ -159,35 +285,21 @@ static void print_table(const char *title, const char *const *names, const row *
     for (i = from; i < to; i++)
         printf(" %9s", headings[i]);
     printf("\n");
-    for (i = 0; i < count; i++)
-        print_row(names[i], &rows[i], from, to);
-    summarise(rows, count, &median, &maximum);
+    for (i = 0; i < set->count; i++)
+        print_row(map_set_name(set, i), &rows[i], from, to);
+    summarise(rows, set->count, &median, &maximum);
     print_row("median", &median, from, to);
     print_row("maximum", &maximum, from, to);
 }
 
-static int real_maps_present(void)
-{
-    image map;
-    int i;
-
-    for (i = 0; i < REFERENCE_REAL_COUNT; i++) {
-        if (!reference_real_map(i, &map))
-            return 0;
-        image_free(&map);
-    }
-    return 1;
-}
-
-static int fill(int index, int real, const char **name, row *out)
+static int fill(const map_set *set, int index, int points, row *out)
 {
     image map;
 
     memset(out, 0, sizeof *out);
-    *name = real ? reference_real_name(index) : made_name(index);
-    fprintf(stderr, "%s\n", *name);
-    if (!(real ? reference_real_map(index, &map) : map_make(*name, 512, 256, &map)))
+    if (!map_set_load(set, index, &map))
         return 0;
+    fill_warp(&map, points, out);
     fill_alias(&map, out);
     fill_fits(&map, out);
     fill_gaps(&map, out);
@@ -195,26 +307,36 @@ static int fill(int index, int real, const char **name, row *out)
     return 1;
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
-    const int real = real_maps_present(), count = real ? REFERENCE_REAL_COUNT : MADE_COUNT;
-    const char *names[MAPS_MAX];
-    row rows[MAPS_MAX];
+    const int points = argc > 1 ? atoi(argv[1]) : 1000000;
+    const map_set set = map_set_find();
+    static row rows[MAP_SET_MAX];
+    char title[512];
     int i;
 
-    for (i = 0; i < count; i++)
-        if (!fill(i, real, &names[i], &rows[i])) {
-            fprintf(stderr, "figures: %s: cannot be made or read\n", names[i]);
+    if (argc > 2 || points < 1) {
+        fprintf(stderr, "usage: figures [POINTS]\n");
+        return 1;
+    }
+    for (i = 0; i < set.count; i++)
+        if (!fill(&set, i, points, &rows[i]))
             return 1;
-        }
-    printf("%d %s maps of 512x256, %d blocks\n", count,
-           real ? "real" : "made-up (for the real ones: make data)", BLOCKS);
+    printf("%d %s maps of 512x256, %d blocks\n", set.count, map_set_kind(&set), BLOCKS);
+    print_table("WARP: excess variance by blocks; largest L/(pdf integral), cuts below a tile\n"
+                "expected and at most", &set, rows, FEW, ACROSS);
+    snprintf(title, sizeof title,
+             "WARP, %d points a map: worst |invert(sample(u)) - u|, in 2^-24 times the stretch\n"
+             "of the block; share of points whose direction rounds across an edge; worst angle of\n"
+             "sample(invert(dir)), in radians, at samples and at any direction, which may lie in a\n"
+             "block so dark that few of the 2^48 pairs of numbers draw it", points);
+    print_table(title, &set, rows, ACROSS, COLUMNS);
     print_table("Excess variance of ALIAS by criterion, and of FIT by model and objective "
-                "(LOG L1: as published)", names, rows, count, SSE, ALPHA);
+                "(LOG L1: as published)", &set, rows, SSE, ALPHA);
     print_table("LOG L1: alpha and l1; POWER CHI2: beta; largest L/(pdf integral), and total\n"
                 "variation of the blocks that all 2^24 values of u0 draw, ALIAS and LOG L1",
-                names, rows, count, ALPHA, LEAST);
+                &set, rows, ALPHA, LEAST);
     print_table("LOG L1: least l1 of a scan of alpha, by block count, and the worst relative gap "
-                "of the fit", names, rows, count, LEAST, COLUMNS);
+                "of the fit", &set, rows, LEAST, FEW);
     return 0;
 }

@@ -1,12 +1,13 @@
 /* picture.c: see picture.h. */
 #include "picture.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 /* ---- font: five columns by seven rows, the leftmost column in bit 4 ---- */
 
-static const char glyph_names[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.,:%+-/()=";
+static const char glyph_names[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.,:%+-/()=^";
 
 static const unsigned char glyph_rows[][PICTURE_GLYPH_HEIGHT] = {
     {0x0e, 0x11, 0x11, 0x1f, 0x11, 0x11, 0x11}, {0x1e, 0x11, 0x11, 0x1e, 0x11, 0x11, 0x1e},
@@ -31,7 +32,8 @@ static const unsigned char glyph_rows[][PICTURE_GLYPH_HEIGHT] = {
     {0x00, 0x0c, 0x0c, 0x00, 0x0c, 0x0c, 0x00}, {0x18, 0x19, 0x02, 0x04, 0x08, 0x13, 0x03},
     {0x00, 0x04, 0x04, 0x1f, 0x04, 0x04, 0x00}, {0x00, 0x00, 0x00, 0x1f, 0x00, 0x00, 0x00},
     {0x01, 0x01, 0x02, 0x04, 0x08, 0x10, 0x10}, {0x02, 0x04, 0x08, 0x08, 0x08, 0x04, 0x02},
-    {0x08, 0x04, 0x02, 0x02, 0x02, 0x04, 0x08}, {0x00, 0x00, 0x1f, 0x00, 0x1f, 0x00, 0x00}
+    {0x08, 0x04, 0x02, 0x02, 0x02, 0x04, 0x08}, {0x00, 0x00, 0x1f, 0x00, 0x1f, 0x00, 0x00},
+    {0x04, 0x0a, 0x11, 0x00, 0x00, 0x00, 0x00}
 };
 
 static const unsigned char *glyph_of(char c)
@@ -92,6 +94,35 @@ void picture_fill(picture *canvas, int x, int y, int width, int height,
     for (j = 0; j < height; j++)
         for (i = 0; i < width; i++)
             picture_blend(canvas, x + i, y + j, colour, 1.0f);
+}
+
+/* Distance of (x, y) to the line from a to b. */
+static double line_distance(double x, double y, const double a[2], const double b[2])
+{
+    const double dx = b[0] - a[0], dy = b[1] - a[1], square = dx * dx + dy * dy;
+    double t = square > 0.0 ? ((x - a[0]) * dx + (y - a[1]) * dy) / square : 0.0;
+
+    t = t > 0.0 ? (t < 1.0 ? t : 1.0) : 0.0;
+    return hypot(x - a[0] - t * dx, y - a[1] - t * dy);
+}
+
+void picture_line(picture *canvas, const double a[2], const double b[2], double width,
+                  const unsigned char colour[3])
+{
+    const double reach = 0.5 * width + 0.5;
+    const int x0 = (int)fmax(fmin(a[0], b[0]) - reach, 0.0);
+    const int y0 = (int)fmax(fmin(a[1], b[1]) - reach, 0.0);
+    const int x1 = (int)fmin(fmax(a[0], b[0]) + reach, canvas->width - 1.0);
+    const int y1 = (int)fmin(fmax(a[1], b[1]) + reach, canvas->height - 1.0);
+    int x, y;
+
+    for (y = y0; y <= y1; y++)
+        for (x = x0; x <= x1; x++) {
+            const double inside = reach - line_distance(x + 0.5, y + 0.5, a, b);
+
+            if (inside > 0.0)
+                picture_blend(canvas, x, y, colour, (float)fmin(inside, 1.0));
+        }
 }
 
 static void draw_glyph(picture *canvas, int x, int y, int scale, const unsigned char colour[3],

@@ -7,7 +7,7 @@
  *     }
  *     picture_free(&canvas);
  *
- * Link image.c. What falls outside of a picture is not drawn.
+ * Link image.c and -lm. What falls outside of a picture is not drawn.
  */
 #ifndef PICTURE_H
 #define PICTURE_H
@@ -31,6 +31,10 @@ void picture_free(picture *canvas);
 void picture_blend(picture *canvas, int x, int y, const unsigned char colour[3], float cover);
 
 void picture_fill(picture *canvas, int x, int y, int width, int height,
+                  const unsigned char colour[3]);
+
+/* A smooth line with round ends; `width` in pixels, whose centres lie at halves. */
+void picture_line(picture *canvas, const double a[2], const double b[2], double width,
                   const unsigned char colour[3]);
 
 /* Writes text with its top left corner at (x, y), `scale` pixels a dot. Lower-case letters are

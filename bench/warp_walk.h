@@ -1,0 +1,101 @@
+/* warp_walk.h: the way down a WARP table, by its format alone (@kd-table of envsamp.h).
+ *
+ * Include it after the implementation of envsamp.h.
+ */
+#ifndef WARP_WALK_H
+#define WARP_WALK_H
+
+/* A block as a walk reaches it. Places in the unit square are those of the block's own tile. */
+typedef struct warp_leaf {
+    uint32_t tile;
+    uint32_t path;          /* one bit a cut, and a leading 1: names the block within the tile */
+    int cuts;
+    float cut[4], edge[4];  /* x0, x1, y0, y1: in the tile's unit square, in the map */
+} warp_leaf;
+
+typedef struct warp_cuts {
+    double expected;        /* cuts below a tile that a sample meets */
+    int deepest;
+} warp_cuts;
+
+static inline uint32_t warp_tile_count(const envsamp_kd *kd)
+{
+    return 1u << (kd->tile_bits_x + kd->tile_bits_y);
+}
+
+static inline void warp_take(const envsamp__warp *node, int high, warp_leaf *leaf)
+{
+    const int axis = envsamp__sign(node->cut), side = 2 * axis + 1 - high;
+
+    leaf->cut[side] = ENVSAMP_FABSF(node->cut);
+    leaf->edge[side] = node->edge;
+    leaf->path = 2 * leaf->path + (uint32_t)high;
+    leaf->cuts++;
+}
+
+static inline warp_leaf warp_enter(const envsamp_kd *kd, uint32_t tile)
+{
+    warp_leaf leaf = { 0, 1, 0, { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 0.0f, 0.0f, 0.0f } };
+
+    leaf.tile = tile;
+    memcpy(leaf.edge, envsamp__kd_tiles(kd) + tile, sizeof leaf.edge);
+    return leaf;
+}
+
+/* The block that (u0, u1), both in [0, 1), draws. */
+static inline warp_leaf warp_locate(const envsamp_kd *kd, const float u[2])
+{
+    const float across = u[0] * (float)(1 << kd->tile_bits_x);
+    const float down = u[1] * (float)(1 << kd->tile_bits_y);
+    const uint32_t tile = ((uint32_t)down << kd->tile_bits_x) + (uint32_t)across;
+    uint32_t link = envsamp__words(kd, kd->roots_at)[tile];
+    warp_leaf leaf = warp_enter(kd, tile);
+    float f[2];
+
+    f[0] = across - (float)(uint32_t)across;
+    f[1] = down - (float)(uint32_t)down;
+    while (link & ENVSAMP__INNER) {
+        const envsamp__warp *node = &envsamp__kd_warp(kd)[link & ~ENVSAMP__INNER];
+        const int high = f[envsamp__sign(node->cut)] >= ENVSAMP_FABSF(node->cut);
+
+        warp_take(node, high, &leaf);
+        link = node->child[high];
+    }
+    return leaf;
+}
+
+static inline void warp_count_below(const envsamp_kd *kd, uint32_t link, const warp_leaf *at,
+                                    warp_cuts *cuts)
+{
+    int high;
+
+    if (!(link & ENVSAMP__INNER)) {
+        cuts->expected += at->cuts * ((double)at->cut[1] - (double)at->cut[0])
+                        * ((double)at->cut[3] - (double)at->cut[2]);
+        cuts->deepest = at->cuts > cuts->deepest ? at->cuts : cuts->deepest;
+        return;
+    }
+    for (high = 0; high < 2; high++) {
+        const envsamp__warp *node = &envsamp__kd_warp(kd)[link & ~ENVSAMP__INNER];
+        warp_leaf child = *at;
+
+        warp_take(node, high, &child);
+        warp_count_below(kd, node->child[high], &child, cuts);
+    }
+}
+
+static inline warp_cuts warp_count_cuts(const envsamp_kd *kd)
+{
+    warp_cuts cuts = { 0.0, 0 };
+    uint32_t tile;
+
+    for (tile = 0; tile < warp_tile_count(kd); tile++) {
+        const warp_leaf top = warp_enter(kd, tile);
+
+        warp_count_below(kd, envsamp__words(kd, kd->roots_at)[tile], &top, &cuts);
+    }
+    cuts.expected /= (double)warp_tile_count(kd);
+    return cuts;
+}
+
+#endif
