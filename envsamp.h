@@ -2158,32 +2158,31 @@ static void envsamp__tree_grow(envsamp__tree *tree, int wanted)
 /* ============================================================================================
  * KD CROWN                                                              [search: @kd-crown]
  *
- * WARP's tree begins with tile_bits levels of cuts that halve the light exactly, across azimuth
- * and polar angle in turns, through texels where need be. So the 2^tile_bits tiles that they
- * make are drawn equally often, their images in the unit square are the cells of a regular grid,
- * and the leading bits of u0 and u1 name the tile: no search, no grid of links. Each tile is then
- * split like a map of its own.
+ * WARP's tree begins with tile_bits levels of cuts that halve the light, within a few percent,
+ * across azimuth and polar angle in turns, through texels where need be. The 2^tile_bits tiles
+ * that they make are drawn equally often, their images in the unit square are the cells of a
+ * regular grid, and the leading bits of u0 and u1 name the tile: no search, no grid of links.
+ * Each tile is then split like a map of its own.
  *
  * Measured on 18 real maps of 512x256 with 6144 blocks: excess variance (median, worst), expected
  * cuts below a tile (mean over the maps, worst), and RMSE of diffuse irradiance from 256
  * Owen-scrambled Sobol points over that of inverting the full CDF (geometric mean):
  *
- *     tiles                      excess            cuts           RMSE
- *     256                        0.0038  0.136     3.6   4.6      0.78
- *     1024                       0.0051  0.162     1.7   2.3      0.82
- *     2048, a third              0.0061  0.188     0.93  1.3      0.87
- *     4096                       0.0114  0.316     0.33  0.43     1.19
- *     1024, polar angle first    0.0051  0.162     1.7   2.3      0.86
- *     1024, 32 rows, 32 columns  0.0050  0.161     1.7   2.3      1.03
- *     1024, 32 columns, 32 rows  0.0050  0.163     1.8   2.5      0.90
+ *     tiles            excess            cuts           RMSE
+ *     256              0.0038  0.141     3.8   5.0      0.81
+ *     1024             0.0052  0.167     1.8   2.4      0.85
+ *     2048, a third    0.0064  0.192     0.99  1.3      0.93
+ *     4096             0.0111  0.301     0.36  0.45     1.21
  *
- * Also tried, and no better: halving root mean squares of 2x2 texels, or the Q of a first tree's
- * blocks, instead of light (excess 0.05 and 0.0062); weighing splits by the light of their tile
- * (0.0062, worst 0.190) or by the shape of their parts (0.0062 to 0.0064, RMSE 0.90 to 0.92).
+ * Also tried, and no better: polar angle first, all cuts across one axis before the other (RMSE 5,
+ * and 10 or 26 % above); halving root mean squares of 2x2 texels, or the Q of a first tree's
+ * blocks, instead of light (excess 8 times, and the same); weighing splits by the light of their
+ * tile, or by the shape of their parts (2 to 4 % more of either). Below a tile the cuts take one
+ * step each: a step without branches costs less than half of a wrong guess.
  * ========================================================================================== */
 
-#define ENVSAMP__BLOCKS_PER_TILE 3
-#define ENVSAMP__EVEN_MEDIAN (1.0 / 256)
+#define ENVSAMP__BLOCKS_PER_TILE 3      /* 2 at least: the crown has as many cuts as tiles */
+#define ENVSAMP__EVEN_MEDIAN (1.0 / 1024)
 #define ENVSAMP__MEDIAN_BINS 512        /* rectangles of so few rows, columns and texels are read */
 #define ENVSAMP__MEDIAN_TEXELS 8192     /* texel by texel */
 
@@ -2203,6 +2202,11 @@ static float envsamp__edge_y(const envsamp__map *map, double y)
     if (f > 0.0)
         to = map->cap[south ? map->height - row - 1 : row + 1];
     return south ? -(float)(from + f * (to - from)) : (float)(from + f * (to - from));
+}
+
+static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
+{
+    return axis ? envsamp__edge_y(map, at) : envsamp__edge_x(map, at);
 }
 
 /* Stored edges of the polar angle in rising order, as integers. */
@@ -2322,21 +2326,33 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
     }
 }
 
-/* Moves a place to one that a table can store exactly. */
+/* Moves a place to one that a table can store exactly: to a whole row or column, if that is stored
+   as the same edge, since cuts below the crown lie there. */
 static double envsamp__storable(const envsamp__map *map, double at, int axis)
 {
     int row = (int)at, south = at + at > (double)map->height;
-    double from, to, f;
+    double whole = (double)(int)(at + 0.5), from, to, f;
 
+    if (envsamp__stored_edge(map, whole, axis) == envsamp__stored_edge(map, at, axis))
+        return whole;
     if (axis == 0)
         return (double)envsamp__edge_x(map, at) * (double)map->width;
-    if (at == (double)row)
-        return at;
     from = map->cap[south ? map->height - row : row];
     to = map->cap[south ? map->height - row - 1 : row + 1];
     f = ((double)ENVSAMP_FABSF(envsamp__edge_y(map, at)) - from) / (to - from);
     f = f > 0.0 ? f : 0.0;
     return (double)row + (f < 1.0 ? f : 1.0);
+}
+
+/* Whether an edge between two others is also stored between them. */
+static int envsamp__parts_edges(const envsamp__map *map, double low, double at, double high,
+                                int axis)
+{
+    float a = envsamp__stored_edge(map, low, axis), b = envsamp__stored_edge(map, at, axis);
+    float c = envsamp__stored_edge(map, high, axis);
+
+    return axis ? envsamp__edge_key(a) < envsamp__edge_key(b)
+               && envsamp__edge_key(b) < envsamp__edge_key(c) : a < b && b < c;
 }
 
 /* Halves the light of a block of the crown; its halves are blocks 2 index + 1 and 2 index + 2.
@@ -2350,13 +2366,7 @@ static int envsamp__halve(envsamp__tree *tree, int index, int axis, double light
 
     cut->axis = axis;
     cut->at = at;
-    if (axis == 0
-        ? !(envsamp__edge_x(map, at) > envsamp__edge_x(map, low.x0)
-            && envsamp__edge_x(map, at) < envsamp__edge_x(map, low.x1))
-        : !(envsamp__edge_key(envsamp__edge_y(map, at))
-                > envsamp__edge_key(envsamp__edge_y(map, low.y0))
-            && envsamp__edge_key(envsamp__edge_y(map, at))
-                < envsamp__edge_key(envsamp__edge_y(map, low.y1))))
+    if (!envsamp__parts_edges(map, axis ? low.y0 : low.x0, at, axis ? low.y1 : low.x1, axis))
         return 0;
     if (axis == 0)
         low.x1 = high.x0 = at;
@@ -3222,12 +3232,14 @@ static double envsamp__edges_sr(const envsamp__edges *e)
                                 (double)ENVSAMP_FABSF(e->y1), envsamp__sign(e->y1));
 }
 
-static float envsamp__polar_edge(float y)
+/* The cut of a node at an edge as a table stores it. */
+static float envsamp__node_cut(float edge, int axis)
 {
-    double near = (double)ENVSAMP_FABSF(y), far = 2.0 - near;
+    double near = (double)ENVSAMP_FABSF(edge), far = 2.0 - near;
 
-    return envsamp__sign(y) ? envsamp__polar_of(far, near)
-                                        : envsamp__polar_of(near, far);
+    if (axis == 0)
+        return envsamp__azimuth_edge((double)edge);
+    return envsamp__sign(edge) ? -envsamp__polar_of(far, near) : -envsamp__polar_of(near, far);
 }
 
 /* A block: its density is the area of its place in the unit square over its solid angle. */
@@ -3268,7 +3280,6 @@ static int64_t envsamp__units_low(double low_q, double high_q, uint32_t units)
 static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p, envsamp__part *low,
                               envsamp__part *high)
 {
-    const envsamp__map *map = w->tree->map;
     const envsamp__cut *cut = &w->tree->cuts[p->link];
     int axis = cut->axis;
     int64_t units = envsamp__units_low(envsamp__link_q(w, cut->child[0]),
@@ -3286,13 +3297,10 @@ static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p, e
     low->high[axis] = high->low[axis] = p->low[axis] + (uint32_t)units;
     place = (float)low->high[axis] / (float)(1u << (24 - bits));
     warp->cut = axis ? -place : place;
-    if (axis == 0) {
-        warp->edge = low->edges.x1 = high->edges.x0 = envsamp__edge_x(map, cut->at);
-        node->cut = envsamp__azimuth_edge((double)warp->edge);
-    } else {
-        warp->edge = low->edges.y1 = high->edges.y0 = envsamp__edge_y(map, cut->at);
-        node->cut = -envsamp__polar_edge(warp->edge);
-    }
+    warp->edge = envsamp__stored_edge(w->tree->map, cut->at, axis);
+    node->cut = envsamp__node_cut(warp->edge, axis);
+    *(axis ? &low->edges.y1 : &low->edges.x1) = warp->edge;
+    *(axis ? &high->edges.y0 : &high->edges.x0) = warp->edge;
     low->link = cut->child[0];
     high->link = cut->child[1];
     low->warp_link = &warp->child[0];
@@ -3345,13 +3353,13 @@ static void envsamp__find_tile(envsamp__warp_writer *w, uint32_t i, uint32_t j,
         const envsamp__cut *cut = &tree->cuts[link];
         int axis = cut->axis;
         uint32_t side = at[axis] >> --bits[axis] & 1;
-        float x = envsamp__edge_x(tree->map, cut->at), y = envsamp__edge_y(tree->map, cut->at);
+        float edge = envsamp__stored_edge(tree->map, cut->at, axis);
 
         *(axis ? side ? &tile->edges.y0 : &tile->edges.y1
-               : side ? &tile->edges.x0 : &tile->edges.x1) = axis ? y : x;
+               : side ? &tile->edges.x0 : &tile->edges.x1) = edge;
         tile->node_link = &crown[link].child[side];
         *tile->node_link = ENVSAMP__INNER | cut->child[side];
-        crown[link].cut = axis ? -envsamp__polar_edge(y) : envsamp__azimuth_edge((double)x);
+        crown[link].cut = envsamp__node_cut(edge, axis);
         link = cut->child[side];
     }
     tile->link = link;
@@ -3870,6 +3878,7 @@ static void envsamp__kd_write(envsamp__kd_work *work, envsamp_kd *kd)
     kd->bad_pixel_count = work->map.bad_pixel_count;
     root = kd->select == ENVSAMP_KD_WARP ? envsamp__write_warped(work, kd)
                                          : envsamp__write_listed(work, kd);
+    memset((char *)kd + kd->grid_at - sizeof(envsamp__node), 0, sizeof(envsamp__node));
     envsamp__write_grid(kd, root, (uint32_t *)(void *)((char *)kd + kd->grid_at));
     kd->checksum = envsamp__checksum(kd);
     kd->magic = ENVSAMP__KD_MAGIC;
@@ -4079,8 +4088,8 @@ typedef struct envsamp__checked { uint32_t link; float low[2], high[2]; envsamp_
     envsamp__checked;
 
 /* Walks the cuts below a tile in the order in which they must lie. Returns how many it has met
-   with those before it, or UINT32_MAX: a link is wrong, a cut not between the edges, or deeper
-   than ENVSAMP__WARP_DEPTH. */
+   with those before it, or UINT32_MAX: a link is wrong, a cut not between the edges, no multiple of
+   2^-24 or deeper than ENVSAMP__WARP_DEPTH, or a block lit that nothing draws. */
 static uint32_t envsamp__tile_valid(const envsamp_kd *kd, uint32_t link, envsamp__edges edges,
                                     uint32_t met, uint32_t count)
 {
@@ -4094,19 +4103,23 @@ static uint32_t envsamp__tile_valid(const envsamp_kd *kd, uint32_t link, envsamp
     for (top = 1; top > 0;) {
         envsamp__checked *high = &stack[top - 1], *low = &stack[top];
         const envsamp__warp *warp = &envsamp__kd_warp(kd)[met];
+        float cut, units;
         int axis;
-        float cut;
 
         if (!(envsamp__link_valid(high->link, met, met < count ? met + 1 : met)
               && envsamp__edges_valid(&high->edges)))
             return UINT32_MAX;
         if (!(high->link & ENVSAMP__INNER)) {
+            if (high->link && !(high->low[0] < high->high[0] && high->low[1] < high->high[1]))
+                return UINT32_MAX;
             top--;
             continue;
         }
         axis = envsamp__sign(warp->cut);
         cut = ENVSAMP_FABSF(warp->cut);
-        if (top > ENVSAMP__WARP_DEPTH || !(cut >= high->low[axis] && cut <= high->high[axis]))
+        units = cut * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+        if (top > ENVSAMP__WARP_DEPTH || !(cut >= high->low[axis] && cut <= high->high[axis])
+            || (float)(int)units != units)
             return UINT32_MAX;
         *low = *high;
         low->high[axis] = high->low[axis] = cut;
@@ -4243,7 +4256,8 @@ ENVSAMP__MATH float envsamp__invert_between(uint32_t tile, uint32_t bits, float 
     return u < end ? u : envsamp__bits_float(envsamp__float_bits(end) - 1);
 }
 
-/* Azimuth of (x, y) in turns, [0, 1), within 1e-12: a float and one step of Newton's. */
+/* Azimuth of (x, y) in turns, [0, 1], within 1e-12: a float and one step of Newton's. It stays on
+   its side of the seam: 1 just below it. */
 ENVSAMP__MATH double envsamp__exact_turn(double y, double x)
 {
     double turn = (double)envsamp__turn((float)y, (float)x), sine, cosine;
@@ -4253,8 +4267,8 @@ ENVSAMP__MATH double envsamp__exact_turn(double y, double x)
         return 0.0;
     envsamp__sincos_pi(2.0 * turn, &sine, &cosine);
     turn += (y * cosine - x * sine) / (length * 2.0 * ENVSAMP__PI);
-    turn = turn < 0.0 ? turn + 1.0 : turn;
-    return turn < 1.0 ? turn : 0.0;
+    turn = turn > 0.0 ? turn : 0.0;
+    return turn < 1.0 ? turn : 1.0;
 }
 
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],

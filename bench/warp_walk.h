@@ -8,7 +8,7 @@
 /* A block as a walk reaches it. Places in the unit square are those of the block's own tile. */
 typedef struct warp_leaf {
     uint32_t tile;
-    uint32_t path;          /* one bit a cut, and a leading 1: names the block within the tile */
+    uint64_t path;          /* one bit a cut, and a leading 1: names the block within the tile */
     int cuts;
     float cut[4], edge[4];  /* x0, x1, y0, y1: in the tile's unit square, in the map */
 } warp_leaf;
@@ -29,7 +29,7 @@ static inline void warp_take(const envsamp__warp *node, int high, warp_leaf *lea
 
     leaf->cut[side] = ENVSAMP_FABSF(node->cut);
     leaf->edge[side] = node->edge;
-    leaf->path = 2 * leaf->path + (uint32_t)high;
+    leaf->path = 2 * leaf->path + (uint64_t)high;
     leaf->cuts++;
 }
 

@@ -152,25 +152,362 @@ static inline double kd_texel(const envsamp_image *map, int x, int y)
     return sum;
 }
 
-/* A block in whole texels, with its solid angle by kd_solid_angle. */
-typedef struct kd_rect { int x0, y0, x1, y1; double solid_angle, probability; } kd_rect;
+/* A block: where it lies, in texels and in the map, and how often it is drawn. A fraction of a row
+   of texels is one of its solid angle. */
+typedef struct kd_rect {
+    double x0, y0, x1, y1;
+    double u0, v0, u1, v1;
+    double solid_angle, probability;
+} kd_rect;
 
+/* Block of ALIAS and FIT, of whole texels, with its solid angle by kd_solid_angle. */
 static inline kd_rect kd_rect_of(const kd_fixture *f, int index)
 {
-    const float width = (float)f->image.width, height = (float)f->image.height;
+    const double width = (double)f->image.width, height = (double)f->image.height;
     envsamp_kd_block block;
     kd_rect rect;
 
     memset(&block, 0, sizeof block);
     envsamp_kd_get_block(f->kd, index, &block);
-    rect.x0 = (int)(block.uv_min[0] * width + 0.5f);
-    rect.y0 = (int)(block.uv_min[1] * height + 0.5f);
-    rect.x1 = (int)(block.uv_max[0] * width + 0.5f);
-    rect.y1 = (int)(block.uv_max[1] * height + 0.5f);
-    rect.solid_angle = kd_solid_angle(f->image.width, f->image.height, rect.x0, rect.y0,
-                                      rect.x1, rect.y1);
+    rect.x0 = floor((double)block.uv_min[0] * width + 0.5);
+    rect.y0 = floor((double)block.uv_min[1] * height + 0.5);
+    rect.x1 = floor((double)block.uv_max[0] * width + 0.5);
+    rect.y1 = floor((double)block.uv_max[1] * height + 0.5);
+    rect.u0 = rect.x0 / width;
+    rect.v0 = rect.y0 / height;
+    rect.u1 = rect.x1 / width;
+    rect.v1 = rect.y1 / height;
+    rect.solid_angle = kd_solid_angle(f->image.width, f->image.height, (int)rect.x0,
+                                      (int)rect.y0, (int)rect.x1, (int)rect.y1);
     rect.probability = (double)block.probability;
     return rect;
+}
+
+/* ---- blocks of WARP, read from the table ---- */
+
+#define KD_LINK 0x80000000u     /* top bit of a link that is no density */
+#define KD_DEEPEST 32           /* cuts below a tile */
+
+/* A block, or a part of a tile on the way to one: its place in the unit square in units of 2^-24,
+   its edges as stored, x0, x1, y0, y1, and the link that leads to it. */
+typedef struct kd_warp_block {
+    double low[2], high[2];
+    float edge[4];
+    uint32_t link;
+    int tile, depth;
+} kd_warp_block;
+
+static inline float kd_density(const kd_warp_block *block)
+{
+    float pdf;
+
+    memcpy(&pdf, &block->link, sizeof pdf);
+    return pdf;
+}
+
+static inline int kd_tile_count(const envsamp_kd *kd)
+{
+    return 1 << (kd->tile_bits_x + kd->tile_bits_y);
+}
+
+/* A tile, on the way to its blocks. */
+static inline kd_warp_block kd_tile(const envsamp_kd *kd, int tile)
+{
+    const char *base = (const char *)kd;
+    const int column = tile & ((1 << kd->tile_bits_x) - 1), row = tile >> kd->tile_bits_x;
+    kd_warp_block b;
+    int axis;
+
+    memcpy(b.edge, base + kd->tiles_at + 16 * tile, sizeof b.edge);
+    memcpy(&b.link, base + kd->roots_at + 4 * tile, sizeof b.link);
+    b.tile = tile;
+    b.depth = 0;
+    for (axis = 0; axis < 2; axis++) {
+        const double side = (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+
+        b.low[axis] = (double)(axis ? row : column) * side;
+        b.high[axis] = b.low[axis] + side;
+    }
+    return b;
+}
+
+/* One side of the cut that a link leads to. */
+static inline kd_warp_block kd_side(const envsamp_kd *kd, const kd_warp_block *whole, int high)
+{
+    kd_warp_block b = *whole;
+    envsamp__warp node;
+    double at;
+    int axis;
+
+    memcpy(&node, (const char *)kd + kd->warp_at + sizeof node * (whole->link & ~KD_LINK),
+           sizeof node);
+    axis = signbit(node.cut) ? 1 : 0;
+    at = fabs((double)node.cut) * (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+    at += (double)(axis ? b.tile >> kd->tile_bits_x : b.tile & ((1 << kd->tile_bits_x) - 1))
+        * (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+    *(high ? &b.low[axis] : &b.high[axis]) = at;
+    b.edge[2 * axis + (high ? 0 : 1)] = node.edge;
+    b.link = node.child[high];
+    b.depth++;
+    return b;
+}
+
+/* All blocks, in the order of the table. Returns how many; `room` at most, and no tree deeper than
+   the limit is walked to its end. */
+static inline int kd_warp_blocks(const envsamp_kd *kd, kd_warp_block *blocks, int room)
+{
+    int tile, count = 0;
+
+    for (tile = 0; tile < kd_tile_count(kd); tile++) {
+        kd_warp_block stack[KD_DEEPEST + 2];
+        int top = 0;
+
+        stack[top++] = kd_tile(kd, tile);
+        while (top > 0) {
+            const kd_warp_block b = stack[--top];
+
+            if (!(b.link & KD_LINK)) {
+                if (count < room)
+                    blocks[count] = b;
+                count++;
+            } else if (top < KD_DEEPEST + 1) {
+                stack[top++] = kd_side(kd, &b, 1);
+                stack[top++] = kd_side(kd, &b, 0);
+            }
+        }
+    }
+    return count;
+}
+
+/* The block that draws (u0, u1), each in [0, 1). */
+static inline kd_warp_block kd_warp_at(const envsamp_kd *kd, double u0, double u1)
+{
+    const int column = (int)(u0 * (double)(1 << kd->tile_bits_x));
+    const int row = (int)(u1 * (double)(1 << kd->tile_bits_y));
+    kd_warp_block b = kd_tile(kd, (row << kd->tile_bits_x) + column);
+
+    while (b.link & KD_LINK) {
+        const kd_warp_block low = kd_side(kd, &b, 0), high = kd_side(kd, &b, 1);
+        const int above = u0 * 16777216.0 >= high.low[0] && u1 * 16777216.0 >= high.low[1];
+
+        b = above ? high : low;
+    }
+    return b;
+}
+
+/* From the north pole, 1 - cos theta, of the upper edge of a row. */
+static inline double kd_cap(int row, int height)
+{
+    const long double pi = 3.14159265358979323846264338327950288L;
+    const long double sine = sinl(pi * (long double)row / (2.0L * (long double)height));
+
+    return (double)(2.0L * sine * sine);
+}
+
+/* A stored edge in azimuth, in texels; one that rounds to a texel's edge is there. */
+static inline double kd_edge_x(float edge, int width)
+{
+    const double x = (double)edge * (double)width, whole = floor(x + 0.5);
+
+    return (float)(whole / (double)width) == edge ? whole : x;
+}
+
+/* A stored edge in polar angle, v by the way. */
+static inline double kd_edge_y(float edge, int height, double *v)
+{
+    const double cap = fabs((double)edge), at = 2.0 / KD_PI * asin(sqrt(0.5 * cap));
+    const int near = (int)(at * (double)height + 0.5);
+    double y = (double)near;
+
+    if ((float)kd_cap(near, height) != (float)cap) {
+        int row = (int)(at * (double)height);
+
+        row += kd_cap(row + 1, height) <= cap;
+        row -= kd_cap(row, height) > cap;
+        y = (double)row + (cap - kd_cap(row, height))
+                        / (kd_cap(row + 1, height) - kd_cap(row, height));
+    }
+    *v = signbit(edge) ? 1.0 - at : at;
+    return signbit(edge) ? (double)height - y : y;
+}
+
+/* 1 - cos theta from one stored edge to another, without cancellation. */
+static inline double kd_cap_between(float y0, float y1)
+{
+    const double near0 = fabs((double)y0), near1 = fabs((double)y1);
+
+    if ((signbit(y0) != 0) == (signbit(y1) != 0))
+        return signbit(y0) ? near0 - near1 : near1 - near0;
+    return (1.0 - near0) + (1.0 - near1);
+}
+
+static inline kd_rect kd_warp_rect(const kd_fixture *f, const kd_warp_block *b)
+{
+    kd_rect rect;
+
+    rect.u0 = (double)b->edge[0];
+    rect.u1 = (double)b->edge[1];
+    rect.x0 = kd_edge_x(b->edge[0], f->image.width);
+    rect.x1 = kd_edge_x(b->edge[1], f->image.width);
+    rect.y0 = kd_edge_y(b->edge[2], f->image.height, &rect.v0);
+    rect.y1 = kd_edge_y(b->edge[3], f->image.height, &rect.v1);
+    rect.solid_angle = 2.0 * KD_PI * (rect.u1 - rect.u0) * kd_cap_between(b->edge[2], b->edge[3]);
+    rect.probability = ldexp((b->high[0] - b->low[0]) * (b->high[1] - b->low[1]), -48);
+    return rect;
+}
+
+/* ---- all blocks, and the parts of texels that they hold ---- */
+
+typedef struct kd_piece { int block; double share; } kd_piece;
+
+/* Texel t has the pieces first[t] to first[t + 1] - 1. */
+typedef struct kd_cover {
+    int width, height, count;
+    kd_rect *rects;             /* in the order of the table */
+    int *first;
+    kd_piece *pieces;
+} kd_cover;
+
+static inline kd_rect *kd_rects(const kd_fixture *f)
+{
+    const int count = f->info.block_count;
+    kd_rect *rects = (kd_rect *)kd_allocate((size_t)count * sizeof *rects);
+    kd_warp_block *blocks;
+    int i;
+
+    for (i = 0; f->desc.select != ENVSAMP_KD_WARP && i < count; i++)
+        rects[i] = kd_rect_of(f, i);
+    if (f->desc.select == ENVSAMP_KD_WARP) {
+        blocks = (kd_warp_block *)kd_allocate((size_t)count * sizeof *blocks);
+        kd_warp_blocks(f->kd, blocks, count);
+        for (i = 0; i < count; i++)
+            rects[i] = kd_warp_rect(f, &blocks[i]);
+        free(blocks);
+    }
+    return rects;
+}
+
+static inline int kd_rect_inside(const kd_rect *r, int width, int height)
+{
+    return r->x0 >= 0.0 && r->y0 >= 0.0 && r->x0 < r->x1 && r->y0 < r->y1
+        && r->x1 <= (double)width && r->y1 <= (double)height;
+}
+
+/* How much of [at, at + 1) lies in [low, high). */
+static inline double kd_overlap(double low, double high, int at)
+{
+    return fmin(high, (double)(at + 1)) - fmax(low, (double)at);
+}
+
+/* Counts a block's pieces in first[t + 2], or writes them at first[t + 1], which grows. */
+static inline void kd_cover_add(kd_cover *c, int index, int write)
+{
+    const kd_rect *r = &c->rects[index];
+    int x, y;
+
+    for (y = (int)r->y0; (double)y < r->y1; y++)
+        for (x = (int)r->x0; (double)x < r->x1; x++) {
+            int *first = &c->first[y * c->width + x];
+
+            if (write) {
+                c->pieces[first[1]].block = index;
+                c->pieces[first[1]].share = kd_overlap(r->x0, r->x1, x)
+                                          * kd_overlap(r->y0, r->y1, y);
+            }
+            first[write ? 1 : 2]++;
+        }
+}
+
+/* Blocks that do not lie in the map hold nothing. */
+static inline kd_cover kd_cover_make(const kd_fixture *f)
+{
+    const int texels = f->image.width * f->image.height;
+    kd_cover c;
+    int i;
+
+    c.width = f->image.width;
+    c.height = f->image.height;
+    c.count = f->info.block_count;
+    c.rects = kd_rects(f);
+    c.first = (int *)kd_allocate(((size_t)texels + 2) * sizeof *c.first);
+    for (i = 0; i < c.count; i++)
+        if (kd_rect_inside(&c.rects[i], c.width, c.height))
+            kd_cover_add(&c, i, 0);
+    for (i = 2; i < texels + 2; i++)
+        c.first[i] += c.first[i - 1];
+    c.pieces = (kd_piece *)kd_allocate((size_t)c.first[texels + 1] * sizeof *c.pieces);
+    for (i = 0; i < c.count; i++)
+        if (kd_rect_inside(&c.rects[i], c.width, c.height))
+            kd_cover_add(&c, i, 1);
+    return c;
+}
+
+static inline void kd_cover_free(kd_cover *c)
+{
+    free(c->rects);
+    free(c->first);
+    free(c->pieces);
+}
+
+/* Texels that blocks do not hold exactly once, and blocks outside of the map. */
+static inline int kd_cover_faults(const kd_cover *c)
+{
+    int i, k, faults = 0;
+
+    for (i = 0; i < c->count; i++)
+        faults += !kd_rect_inside(&c->rects[i], c->width, c->height);
+    for (i = 0; i < c->width * c->height; i++) {
+        double whole = 0.0;
+
+        for (k = c->first[i]; k < c->first[i + 1]; k++)
+            whole += c->pieces[k].share;
+        faults += !(fabs(whole - 1.0) <= 1e-7);
+    }
+    return faults;
+}
+
+/* The texel of a point of the map, u to within a turn. */
+static inline int kd_cover_texel(const kd_cover *c, double u, double v)
+{
+    int x = (int)((u < 0.0 ? u + 1.0 : u >= 1.0 ? u - 1.0 : u) * (double)c->width);
+    int y = (int)((v > 0.0 ? v : 0.0) * (double)c->height);
+
+    x = x < c->width ? x : c->width - 1;
+    y = y < c->height ? y : c->height - 1;
+    return y * c->width + x;
+}
+
+/* How far outside of a block a point lies, u and v alike; 0 inside. */
+static inline double kd_outside(const kd_rect *r, double u, double v)
+{
+    const double across = r->u0 - u > u - r->u1 ? r->u0 - u : u - r->u1;
+    const double down = r->v0 - v > v - r->v1 ? r->v0 - v : v - r->v1;
+    const double most = across > down ? across : down;
+
+    return most > 0.0 ? most : 0.0;
+}
+
+/* The block that a point of the map lies in, or is nearest to; -1 none. */
+static inline int kd_cover_owner(const kd_cover *c, double u, double v)
+{
+    const int texel = kd_cover_texel(c, u, v), first = c->first[texel];
+    int k, owner = -1;
+    double least = HUGE_VAL;
+
+    if (c->first[texel + 1] == first + 1)
+        return c->pieces[first].block;
+    for (k = first; k < c->first[texel + 1]; k++) {
+        const kd_rect *r = &c->rects[c->pieces[k].block];
+        const double outside = kd_outside(r, u, v);
+
+        if (u >= r->u0 && u < r->u1 && v >= r->v0 && v < r->v1)
+            return c->pieces[k].block;
+        if (outside < least) {
+            least = outside;
+            owner = c->pieces[k].block;
+        }
+    }
+    return owner;
 }
 
 /* A point of the map to a direction, with libm. */

@@ -45,28 +45,27 @@ static inline int reference_real_map(int index, image *map)
 
 typedef struct reference {
     kd_fixture f;
-    kd_rect *rects;             /* in the order of the table */
+    kd_cover cover;
+    const kd_rect *rects;       /* in the order of the table */
     double *mass, *square;      /* of each block: sums of L and of L^2 times solid angle */
     double *peak;               /* largest L */
-    int *owner;                 /* block of each texel */
     double integral;
 } reference;
 
-static inline void reference_add_row(reference *r, int index, int y)
+/* Shares a texel among the blocks that hold parts of it. */
+static inline void reference_add_texel(reference *r, int texel, double value, double sr)
 {
-    const kd_rect *rect = &r->rects[index];
-    const int width = r->f.image.width;
-    const double sr = kd_solid_angle(width, r->f.image.height, 0, y, 1, y + 1);
-    int x;
+    int k;
 
-    for (x = rect->x0; x < rect->x1; x++) {
-        const double value = kd_texel(&r->f.image, x, y);
+    for (k = r->cover.first[texel]; k < r->cover.first[texel + 1]; k++) {
+        const int index = r->cover.pieces[k].block;
+        const double part = r->cover.pieces[k].share * sr;
 
-        r->owner[y * width + x] = index;
-        r->mass[index] += value * sr;
-        r->square[index] += value * value * sr;
+        r->mass[index] += value * part;
+        r->square[index] += value * value * part;
         r->peak[index] = value > r->peak[index] ? value : r->peak[index];
     }
+    r->integral += value * sr;
 }
 
 /* Whether the table was built. Free it in either case. The map must outlive it. */
@@ -74,33 +73,32 @@ static inline int reference_build(reference *r, const image *map, const envsamp_
 {
     const envsamp_image view = kd_image(map->rgb, map->width, map->height, 3);
     size_t count;
-    int i, y;
+    int x, y;
 
     memset(r, 0, sizeof *r);
     if (!kd_fixture_build(&r->f, &view, desc))
         return 0;
     count = (size_t)r->f.info.block_count;
-    r->rects = (kd_rect *)kd_allocate(count * sizeof *r->rects);
+    r->cover = kd_cover_make(&r->f);
+    r->rects = r->cover.rects;
     r->mass = (double *)kd_allocate(count * sizeof *r->mass);
     r->square = (double *)kd_allocate(count * sizeof *r->square);
     r->peak = (double *)kd_allocate(count * sizeof *r->peak);
-    r->owner = (int *)kd_allocate((size_t)map->width * (size_t)map->height * sizeof *r->owner);
-    for (i = 0; i < r->f.info.block_count; i++) {
-        r->rects[i] = kd_rect_of(&r->f, i);
-        for (y = r->rects[i].y0; y < r->rects[i].y1; y++)
-            reference_add_row(r, i, y);
-        r->integral += r->mass[i];
+    for (y = 0; y < map->height; y++) {
+        const double sr = kd_solid_angle(map->width, map->height, 0, y, 1, y + 1);
+
+        for (x = 0; x < map->width; x++)
+            reference_add_texel(r, y * map->width + x, kd_texel(&view, x, y), sr);
     }
     return 1;
 }
 
 static inline void reference_free(reference *r)
 {
-    free(r->rects);
+    kd_cover_free(&r->cover);
     free(r->mass);
     free(r->square);
     free(r->peak);
-    free(r->owner);
     kd_fixture_free(&r->f);
     memset(r, 0, sizeof *r);
 }
@@ -147,12 +145,7 @@ static inline double reference_l1(const reference *r)
 /* The block that a point of the map lies in. */
 static inline int reference_owner(const reference *r, double u, double v)
 {
-    const int width = r->f.image.width, height = r->f.image.height;
-    int x = (int)(u * (double)width), y = (int)(v * (double)height);
-
-    x = x < width ? x : width - 1;
-    y = y < height ? y : height - 1;
-    return r->owner[y * width + x];
+    return kd_cover_owner(&r->cover, u, v);
 }
 
 /* Total variation between the probabilities and how often the blocks are drawn by all 2^24

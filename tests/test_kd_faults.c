@@ -13,8 +13,9 @@
 
 typedef struct verdict {
     int built, blocks, overrun;
-    double sum, sphere;         /* of probabilities; of the pdf at texel centres: off from 1 */
-    int unsampled;              /* lit texels whose pdf is 0 in the centre */
+    double sum, sphere;         /* of probabilities; of the pdf over the sphere: off from 1 */
+    int untiled;                /* texels that blocks do not hold exactly once */
+    int unsampled;              /* lit texels in blocks whose pdf is 0 */
     int stray;                  /* samples in blocks without a lit texel */
     int unsound;                /* samples that are not unit directions with a pdf */
     double integral, excess, ratio;     /* off, relative */
@@ -22,18 +23,14 @@ typedef struct verdict {
 } verdict;
 
 /* Which blocks hold a lit texel. */
-static char *lit_blocks(const kd_fixture *f)
+static char *lit_blocks(const kd_fixture *f, const kd_cover *c)
 {
-    char *lit = (char *)kd_allocate((size_t)f->info.block_count);
-    int i, x, y;
+    char *lit = (char *)kd_allocate((size_t)c->count);
+    int i, k;
 
-    for (i = 0; i < f->info.block_count; i++) {
-        const kd_rect r = kd_rect_of(f, i);
-
-        for (y = r.y0; y < r.y1; y++)
-            for (x = r.x0; x < r.x1; x++)
-                lit[i] |= kd_texel(&f->image, x, y) > 0.0;
-    }
+    for (i = 0; i < c->width * c->height; i++)
+        for (k = c->first[i]; k < c->first[i + 1]; k++)
+            lit[c->pieces[k].block] |= kd_texel(&f->image, i % c->width, i / c->width) > 0.0;
     return lit;
 }
 
@@ -45,24 +42,24 @@ static int sample_is_sound(const envsamp_sample *s)
 }
 
 /* Whether (u, v) lies in a lit block, its edges included. */
-static int point_is_lit(const kd_fixture *f, const char *lit, float u, float v)
+static int point_is_lit(const kd_cover *c, const char *lit, float u, float v)
 {
-    const double x = (double)u * (double)f->image.width, y = (double)v * (double)f->image.height;
+    const double slack_u = 1e-4 / (double)c->width, slack_v = 1e-4 / (double)c->height;
     int i;
 
-    for (i = 0; i < f->info.block_count; i++) {
-        const kd_rect r = kd_rect_of(f, i);
+    for (i = 0; i < c->count; i++) {
+        const kd_rect *r = &c->rects[i];
 
-        if (lit[i] && x >= (double)r.x0 - 1e-4 && x <= (double)r.x1 + 1e-4
-            && y >= (double)r.y0 - 1e-4 && y <= (double)r.y1 + 1e-4)
+        if (lit[i] && (double)u >= r->u0 - slack_u && (double)u <= r->u1 + slack_u
+            && (double)v >= r->v0 - slack_v && (double)v <= r->v1 + slack_v)
             return 1;
     }
     return 0;
 }
 
-static void judge_samples(const kd_fixture *f, verdict *v)
+static void judge_samples(const kd_fixture *f, const kd_cover *c, verdict *v)
 {
-    char *lit = lit_blocks(f);
+    char *lit = lit_blocks(f, c);
     pcg32 random = pcg32_make(29, 0);
     int i;
 
@@ -71,52 +68,74 @@ static void judge_samples(const kd_fixture *f, verdict *v)
         const envsamp_sample s = envsamp_kd_sample(f->kd, i == 1 ? 1.0f : u0, u1);
 
         v->unsound += !sample_is_sound(&s);
-        v->stray += !point_is_lit(f, lit, s.uv[0], s.uv[1]);
+        v->stray += !point_is_lit(c, lit, s.uv[0], s.uv[1]);
     }
     free(lit);
 }
 
-static void judge_blocks(const kd_fixture *f, verdict *v)
+/* The density of each block, from a direction in its middle, but where WARP makes blocks so narrow
+   that this may round into the next one. */
+static double *judge_blocks(const kd_fixture *f, const kd_cover *c, verdict *v)
 {
-    double sum = 0.0;
+    double *pdfs = (double *)kd_allocate((size_t)c->count * sizeof *pdfs);
+    double sum = 0.0, sphere = 0.0;
     int i;
 
-    for (i = 0; i < f->info.block_count; i++)
-        sum += kd_rect_of(f, i).probability;
+    for (i = 0; i < c->count; i++) {
+        const kd_rect *r = &c->rects[i];
+        envsamp_kd_block block;
+        float dir[3];
+
+        envsamp_kd_get_block(f->kd, i, &block);
+        sum += (double)block.probability;
+        kd_direction(0.5 * (r->u0 + r->u1), 0.5 * (r->v0 + r->v1), dir);
+        pdfs[i] = r->u1 - r->u0 > 2e-6 && r->v1 - r->v0 > 2e-6
+                ? (double)envsamp_kd_pdf(f->kd, dir) : r->probability / r->solid_angle;
+        sphere += pdfs[i] * r->solid_angle;
+    }
     v->sum = fabs(sum - 1.0);
+    v->sphere = fabs(sphere - 1.0);
+    return pdfs;
 }
 
-static void judge_texels(const kd_fixture *f, verdict *v)
+/* Sums over the map. */
+typedef struct totals { double integral, second, ratio; } totals;
+
+static void judge_texel(const kd_cover *c, const double *pdfs, int texel, double value, double sr,
+                        totals *s, verdict *v)
 {
-    const int width = f->image.width, height = f->image.height;
-    double sphere = 0.0, integral = 0.0, second = 0.0, ratio = 0.0, excess;
-    int x, y;
+    int k;
 
-    for (y = 0; y < height; y++) {
-        const double sr = kd_solid_angle(width, height, 0, y, 1, y + 1);
+    s->integral += sr * value;
+    for (k = c->first[texel]; k < c->first[texel + 1]; k++) {
+        const double pdf = pdfs[c->pieces[k].block], part = sr * c->pieces[k].share;
 
-        for (x = 0; x < width; x++) {
-            const double value = kd_texel(&f->image, x, y);
-            float dir[3];
-            double pdf;
-
-            kd_direction(((double)x + 0.5) / (double)width, ((double)y + 0.5) / (double)height,
-                         dir);
-            pdf = (double)envsamp_kd_pdf(f->kd, dir);
-            sphere += sr * pdf;
-            integral += sr * value;
-            if (!(value > 0.0))
-                continue;
-            v->unsampled += !(pdf > 0.0);
-            second += pdf > 0.0 ? sr * value / pdf * value : 0.0;
-            ratio = pdf > 0.0 && value / pdf > ratio ? value / pdf : ratio;
+        v->unsampled += value > 0.0 && !(pdf > 0.0);
+        if (value > 0.0 && pdf > 0.0) {
+            s->second += part * value / pdf * value;
+            s->ratio = fmax(s->ratio, value / pdf);
         }
     }
-    excess = second / integral / integral - 1.0;
-    v->sphere = fabs(sphere - 1.0);
-    v->integral = fabs(f->info.integral / integral - 1.0);
+}
+
+static void judge_texels(const kd_fixture *f, const kd_cover *c, verdict *v)
+{
+    totals s = { 0.0, 0.0, 0.0 };
+    double *pdfs = judge_blocks(f, c, v), excess;
+    int x, y;
+
+    for (y = 0; y < c->height; y++) {
+        const double sr = kd_solid_angle(c->width, c->height, 0, y, 1, y + 1);
+
+        for (x = 0; x < c->width; x++)
+            judge_texel(c, pdfs, y * c->width + x, kd_texel(&f->image, x, y), sr, &s, v);
+    }
+    excess = fmax(s.second / s.integral / s.integral - 1.0, 0.0);
+    v->untiled = kd_cover_faults(c);
+    v->integral = fabs(f->info.integral / s.integral - 1.0);
     v->excess = fabs(f->info.excess_variance - excess) / (1.0 + excess);
-    v->ratio = fabs(f->info.max_ratio / (ratio / integral) - 1.0);
+    v->ratio = fabs(f->info.max_ratio / (s.ratio / s.integral) - 1.0);
+    free(pdfs);
 }
 
 static verdict judge(const envsamp_image *map, const envsamp_kd_desc *desc)
@@ -129,26 +148,37 @@ static verdict judge(const envsamp_image *map, const envsamp_kd_desc *desc)
     v.overrun = !kd_fixture_intact(&f);
     v.blocks = f.info.block_count;
     if (v.built) {
-        judge_blocks(&f, &v);
-        judge_texels(&f, &v);
-        judge_samples(&f, &v);
+        kd_cover c = kd_cover_make(&f);
+
+        judge_texels(&f, &c, &v);
+        judge_samples(&f, &c, &v);
+        kd_cover_free(&c);
     }
     kd_fixture_free(&f);
     return v;
 }
 
-/* Variants of a description: ALIAS, then FIT by model and objective. */
-#define VARIANTS 20
+/* Variants of a description: ALIAS, then FIT by model and objective, then WARP. */
+#define VARIANTS 24
 
 static envsamp_kd_desc variant(int blocks, int index)
 {
-    const int fit = index / 4;
-    envsamp_kd_desc desc = kd_desc(blocks, fit ? ENVSAMP_KD_FIT : ENVSAMP_KD_ALIAS);
+    const int kind = index / 4;
+    envsamp_kd_desc desc = kd_desc(blocks, kind == 0 ? ENVSAMP_KD_ALIAS : ENVSAMP_KD_FIT);
 
+    desc.select = kind == 5 ? ENVSAMP_KD_WARP : desc.select;
     desc.criterion = (envsamp_kd_criterion)(index % 4);
-    desc.model = fit > 2 ? ENVSAMP_KD_POWER : ENVSAMP_KD_LOG;
-    desc.objective = fit && fit % 2 == 0 ? ENVSAMP_KD_CHI2 : ENVSAMP_KD_L1;
+    desc.model = kind > 2 ? ENVSAMP_KD_POWER : ENVSAMP_KD_LOG;
+    desc.objective = kind && kind % 2 == 0 ? ENVSAMP_KD_CHI2 : ENVSAMP_KD_L1;
     return desc;
+}
+
+/* WARP's tiles cut texels, so blocks may be flat before there are as many as asked. */
+static int has_blocks(const envsamp_kd_desc *desc, int blocks, int expected)
+{
+    if (desc->select == ENVSAMP_KD_WARP && expected > 1)
+        return blocks >= 1 && blocks <= expected;
+    return blocks == expected;
 }
 
 /* Judges a map in every variant; tolerance is relative, of all figures. */
@@ -156,6 +186,7 @@ static void check_map(const char *name, const envsamp_image *map, int blocks, in
                       double tolerance)
 {
     int i, built = 0, short_of = 0, overrun = 0, unsampled = 0, stray = 0, unsound = 0;
+    int untiled = 0;
     double sums = 0.0, figures = 0.0;
 
     for (i = 0; i < VARIANTS; i++) {
@@ -163,8 +194,9 @@ static void check_map(const char *name, const envsamp_image *map, int blocks, in
         const verdict v = judge(map, &desc);
 
         built += v.built;
-        short_of += v.blocks != expected;
+        short_of += !has_blocks(&desc, v.blocks, expected);
         overrun += v.overrun;
+        untiled += v.untiled;
         unsampled += v.unsampled;
         stray += v.stray;
         unsound += v.unsound;
@@ -174,6 +206,7 @@ static void check_map(const char *name, const envsamp_image *map, int blocks, in
     }
     CHECK(built == VARIANTS && !overrun, "%s: %d of %d variants build", name, built, VARIANTS);
     CHECK(!short_of || expected < 0, "%s: %d of them not with %d blocks", name, short_of, expected);
+    CHECK(!untiled, "%s: blocks tile the map, but for %d texels", name, untiled);
     CHECK(sums <= 1e-6, "%s: the pdf integrates to 1, but for %.1e", name, sums);
     CHECK(!unsampled, "%s: radiance above 0 has a pdf above 0: %d texels not", name, unsampled);
     CHECK(!stray && !unsound, "%s: samples are sound and hit light: %d and %d not", name, unsound,
@@ -192,21 +225,49 @@ static void test_black(void)
     envsamp_image map = kd_image(pixels, 8, 4, 1);
     int v, i;
 
-    for (v = 0; v < 6; v++) {
-        const envsamp_kd_desc desc = kd_desc(16, v % 2 ? ENVSAMP_KD_FIT : ENVSAMP_KD_ALIAS);
+    for (v = 0; v < 18; v++) {
+        const envsamp_kd_desc desc = kd_desc(16, (envsamp_kd_select)(v / 6));
         kd_fixture f;
 
         for (i = 0; i < 32; i++)
-            pixels[i] = values[v];
+            pixels[i] = values[v % 6];
         kd_fixture_build(&f, &map, &desc);
         CHECK(f.result == ENVSAMP_ERR_BLACK && !f.kd, "a map of %g only is black",
-              (double)values[v]);
+              (double)values[v % 6]);
         CHECK(kd_fixture_intact(&f), "and nothing is written beside the buffers");
         kd_fixture_free(&f);
     }
 }
 
-/* With blocks enough, the lit texel gets a block of its own: ratio 1, excess 0. */
+/* Every number of blocks, the largest of all included, on small maps: what cannot be is refused
+   nowhere, and there are no more blocks than asked for. */
+static void test_block_counts(int width, int height)
+{
+    const int counts[] = { 1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 12, 13, 23, 24, 25, 100, 1048576 };
+    float *pixels = (float *)kd_allocate((size_t)(width * height) * sizeof *pixels);
+    envsamp_image map = kd_image(pixels, width, height, 1);
+    pcg32 random = pcg32_make(30, (uint64_t)width);
+    int i, k, wrong = 0;
+
+    for (i = 0; i < width * height; i++)
+        pixels[i] = ldexpf(0.1f + pcg32_float(&random), (int)(pcg32_next(&random) % 24));
+    for (i = 0; i < (int)(sizeof counts / sizeof counts[0]); i++)
+        for (k = 0; k < 4; k++) {
+            envsamp_kd_desc desc = kd_desc(counts[i], ENVSAMP_KD_WARP);
+            verdict v;
+
+            desc.criterion = (envsamp_kd_criterion)k;
+            v = judge(&map, &desc);
+            wrong += !v.built || v.overrun || v.untiled || v.unsampled || v.unsound || v.stray
+                  || v.blocks > counts[i] || !(v.sum <= 1e-6 && v.sphere <= 1e-6)
+                  || !(v.integral <= 1e-6 && v.excess <= 2e-6 && v.ratio <= 2e-6);
+        }
+    CHECK(!wrong, "WARP, %dx%d, 1 to 1048576 blocks: %d tables wrong", width, height, wrong);
+    free(pixels);
+}
+
+/* With blocks enough, the lit texel gets a block of its own: ratio 1, excess 0. A table of WARP
+   has the solid angle between edges that are floats. */
 static void test_lone_texel(int width, int height, int x, int y)
 {
     float *pixels = (float *)kd_allocate((size_t)(width * height) * sizeof *pixels);
@@ -222,7 +283,8 @@ static void test_lone_texel(int width, int height, int x, int y)
         kd_fixture f;
 
         kd_fixture_build(&f, &map, &desc);
-        alone += fabs(f.info.max_ratio - 1.0) < 1e-6 && f.info.excess_variance < 1e-6;
+        alone += f.info.excess_variance < 1e-6 && fabs(f.info.max_ratio - 1.0)
+                                        < (desc.select == ENVSAMP_KD_WARP ? 5e-5 : 1e-6);
         kd_fixture_free(&f);
     }
     CHECK(alone == VARIANTS, "%s: with a block of its own in %d of %d", name, alone, VARIANTS);
@@ -273,13 +335,14 @@ static void test_longest_sides(void)
 
     for (i = 0; i < 65535; i++)
         pixels[i] = (float)(1 + i % 7);
-    for (i = 0; i < 2; i++) {
-        envsamp_image map = kd_image(pixels, i ? 1 : 65535, i ? 65535 : 1, 1);
-        const envsamp_kd_desc desc = kd_desc(500, ENVSAMP_KD_ALIAS);
+    for (i = 0; i < 4; i++) {
+        const int tall = i % 2;
+        envsamp_image map = kd_image(pixels, tall ? 1 : 65535, tall ? 65535 : 1, 1);
+        const envsamp_kd_desc desc = kd_desc(500, i < 2 ? ENVSAMP_KD_ALIAS : ENVSAMP_KD_WARP);
         const verdict v = judge(&map, &desc);
 
         CHECK(v.built && v.blocks == 500 && !v.overrun, "%dx%d builds", map.width, map.height);
-        CHECK(v.sum < 1e-6 && v.sphere < 2e-6 && !v.unsampled && !v.unsound,
+        CHECK(v.sum < 1e-6 && v.sphere < 2e-6 && !v.unsampled && !v.unsound && !v.untiled,
               "and its pdf integrates to 1, but for %.1e", v.sphere);
         CHECK(v.integral < 1e-6 && v.excess < 2e-6 && v.ratio < 2e-6, "figures %.1e %.1e %.1e",
               v.integral, v.excess, v.ratio);
@@ -340,8 +403,8 @@ static void test_extreme_values(void)
     const float tiny = nextafterf(0.0f, 1.0f);
     static float pixels[64 * 64];
     envsamp_image map = kd_image(pixels, 64, 64, 1);
-    const envsamp_kd_desc desc = kd_desc(100, ENVSAMP_KD_ALIAS);
     verdict v;
+    int i;
 
     test_scale("FLT_MAX everywhere", FLT_MAX, 1.0f, 1, 1e-6);
     test_scale("FLT_MAX in RGB everywhere", FLT_MAX, 1.0f, 3, 1e-6);
@@ -353,10 +416,14 @@ static void test_extreme_values(void)
     test_scale("denormal RGB noise", 1e-40f, 0.5f, 3, 1e-3);
     test_scale("the least denormal everywhere", tiny, 1.0f, 1, 1e-6);
     pixels[17 * 64 + 5] = tiny;
-    v = judge(&map, &desc);
-    CHECK(v.built && !v.unsampled && !v.unsound && !v.stray && v.sum < 1e-6 && v.sphere < 1e-6,
-          "one least denormal is sampled");
-    CHECK(v.integral < 1e-6, "and is the integral, to %.1e", v.integral);
+    for (i = 0; i < 2; i++) {
+        const envsamp_kd_desc desc = kd_desc(100, i ? ENVSAMP_KD_WARP : ENVSAMP_KD_ALIAS);
+
+        v = judge(&map, &desc);
+        CHECK(v.built && !v.unsampled && !v.unsound && !v.stray && v.sum < 1e-6
+              && v.sphere < 1e-6, "select %d: one least denormal is sampled", (int)desc.select);
+        CHECK(v.integral < 1e-6, "and is the integral, to %.1e", v.integral);
+    }
 }
 
 /* A least denormal beside FLT_MAX: 83 orders of magnitude. */
@@ -421,12 +488,12 @@ static size_t spoil(float *bad, float *mended, int channels)
     return count + 1;
 }
 
-static void test_bad_pixels(int channels)
+static void test_bad_pixels(int channels, envsamp_kd_select select)
 {
     static float bad[64 * 32 * 4], mended[64 * 32 * 4];
     envsamp_image bad_map = kd_image(bad, 64, 32, channels);
     envsamp_image mended_map = kd_image(mended, 64, 32, channels);
-    envsamp_kd_desc desc = kd_desc(200, ENVSAMP_KD_ALIAS);
+    envsamp_kd_desc desc = kd_desc(200, select);
     pcg32 random = pcg32_make(47, 0);
     kd_fixture a, b;
     size_t count;
@@ -485,10 +552,10 @@ static void test_strict(void)
 }
 
 /* The fourth channel means nothing, whatever it holds. */
-static void test_ignored_channel(void)
+static void test_ignored_channel(envsamp_kd_select select)
 {
     static float three[40 * 20 * 3], four[40 * 20 * 4], one[40 * 20];
-    envsamp_kd_desc desc = kd_desc(150, ENVSAMP_KD_ALIAS);
+    envsamp_kd_desc desc = kd_desc(150, select);
     envsamp_image maps[3];
     pcg32 random = pcg32_make(53, 0);
     kd_fixture a, b, c;
@@ -515,12 +582,12 @@ static void test_ignored_channel(void)
 }
 
 /* What lies between the rows is not read, nor anything after the last texel. */
-static void test_stride(int channels, int padding)
+static void test_stride(int channels, int padding, envsamp_kd_select select)
 {
     const int width = 45, height = 23, row = width * channels, stride = row + padding;
     float *packed = (float *)kd_allocate((size_t)(row * height) * sizeof *packed);
     float *padded = (float *)kd_allocate((size_t)(stride * height - padding) * sizeof *padded);
-    envsamp_kd_desc desc = kd_desc(150, ENVSAMP_KD_ALIAS);
+    envsamp_kd_desc desc = kd_desc(150, select);
     envsamp_image map = kd_image(packed, width, height, channels), wide = map;
     pcg32 random = pcg32_make(59, 0);
     kd_fixture a, b;
@@ -737,19 +804,22 @@ static void test_stale_table(void)
     kd_fixture f;
     int i, k;
 
-    for (i = 0; i < 2; i++) {
+    for (i = 0; i < 4; i++) {
+        const int strict = i % 2;
+
         map = good_image();
+        desc.select = i < 2 ? ENVSAMP_KD_ALIAS : ENVSAMP_KD_WARP;
         desc.strict = 0;
         kd_fixture_build(&f, &map, &desc);
         CHECK(f.kd && envsamp_kd_open(f.kd, f.table.buffer.bytes, &kd) == ENVSAMP_OK,
               "a table that opens");
-        f.desc.strict = i;
+        f.desc.strict = strict;
         for (k = 0; k < 16 * 8 * 3; k++)
-            ramp[k] = i && k ? 1.0f : i ? NAN : 0.0f;
+            ramp[k] = strict && k ? 1.0f : strict ? NAN : 0.0f;
         CHECK(build_refused(&f, &map, f.table.buffer, f.scratch.buffer,
-                            i ? ENVSAMP_ERR_VALUE : ENVSAMP_ERR_BLACK),
+                            strict ? ENVSAMP_ERR_VALUE : ENVSAMP_ERR_BLACK),
               "does not after a build failed with: %s",
-              envsamp_result_string(i ? ENVSAMP_ERR_VALUE : ENVSAMP_ERR_BLACK));
+              envsamp_result_string(strict ? ENVSAMP_ERR_VALUE : ENVSAMP_ERR_BLACK));
         kd_fixture_free(&f);
     }
 }
@@ -757,6 +827,12 @@ static void test_stale_table(void)
 int main(void)
 {
     test_black();
+    test_block_counts(1, 1);
+    test_block_counts(2, 1);
+    test_block_counts(1, 3);
+    test_block_counts(7, 5);
+    test_block_counts(12, 6);
+    test_block_counts(40, 20);
     test_lone_texels();
     test_thin_maps();
     test_longest_sides();
@@ -770,15 +846,23 @@ int main(void)
     test_sun(1e30f, 1e-5);
     test_extreme_values();
     test_whole_range();
-    test_bad_pixels(1);
-    test_bad_pixels(3);
-    test_bad_pixels(4);
+    test_bad_pixels(1, ENVSAMP_KD_ALIAS);
+    test_bad_pixels(1, ENVSAMP_KD_WARP);
+    test_bad_pixels(3, ENVSAMP_KD_ALIAS);
+    test_bad_pixels(3, ENVSAMP_KD_WARP);
+    test_bad_pixels(4, ENVSAMP_KD_ALIAS);
+    test_bad_pixels(4, ENVSAMP_KD_WARP);
     test_strict();
-    test_ignored_channel();
-    test_stride(1, 3);
-    test_stride(3, 1);
-    test_stride(3, 6);
-    test_stride(4, 5);
+    test_ignored_channel(ENVSAMP_KD_ALIAS);
+    test_ignored_channel(ENVSAMP_KD_WARP);
+    test_stride(1, 3, ENVSAMP_KD_ALIAS);
+    test_stride(1, 3, ENVSAMP_KD_WARP);
+    test_stride(3, 1, ENVSAMP_KD_ALIAS);
+    test_stride(3, 1, ENVSAMP_KD_WARP);
+    test_stride(3, 6, ENVSAMP_KD_ALIAS);
+    test_stride(3, 6, ENVSAMP_KD_WARP);
+    test_stride(4, 5, ENVSAMP_KD_ALIAS);
+    test_stride(4, 5, ENVSAMP_KD_WARP);
     test_bad_sizes();
     test_bad_descriptions();
     test_bad_mappings();

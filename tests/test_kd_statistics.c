@@ -12,6 +12,8 @@
 #include "../examples/common/maps.h"
 #include "../examples/common/random.h"
 
+static const char *const select_names[] = { "WARP", "ALIAS", "FIT" };
+
 #define SAMPLES (1 << 20)
 #define EDGE 5e-7               /* of u and v: how near an edge a float direction is ambiguous */
 
@@ -56,39 +58,37 @@ static double zone(double v0, double v1, int by_area)
     return by_area ? v1 - v0 : 2.0 * sin(0.5 * KD_PI * (v0 + v1)) * sin(0.5 * KD_PI * (v1 - v0));
 }
 
-static double overlap_u(const reference *r, const kd_rect *rect, const cells *c, int column)
+static double overlap_u(const kd_rect *rect, const cells *c, int column)
 {
-    const double width = (double)r->f.image.width;
-    const double low = fmax((double)rect->x0 / width, (double)column / (double)c->columns);
-    const double high = fmin((double)rect->x1 / width, (double)(column + 1) / (double)c->columns);
+    const double low = fmax(rect->u0, (double)column / (double)c->columns);
+    const double high = fmin(rect->u1, (double)(column + 1) / (double)c->columns);
 
-    return high > low ? (high - low) * width / (double)(rect->x1 - rect->x0) : 0.0;
+    return high > low ? (high - low) / (rect->u1 - rect->u0) : 0.0;
 }
 
-static double overlap_v(const reference *r, const kd_rect *rect, const cells *c, int row,
-                        int by_area)
+static double overlap_v(const kd_rect *rect, const cells *c, int row, int by_area)
 {
-    const double height = (double)r->f.image.height;
-    const double top = (double)rect->y0 / height, end = (double)rect->y1 / height;
-    const double low = fmax(top, (double)row / (double)c->rows);
-    const double high = fmin(end, (double)(row + 1) / (double)c->rows);
+    const double low = fmax(rect->v0, (double)row / (double)c->rows);
+    const double high = fmin(rect->v1, (double)(row + 1) / (double)c->rows);
 
-    return high > low ? zone(low, high, by_area) / zone(top, end, by_area) : 0.0;
+    return high > low ? zone(low, high, by_area) / zone(rect->v0, rect->v1, by_area) : 0.0;
 }
 
 /* Shares a block's probability among the cells that it reaches. */
-static void expect_block(const reference *r, const kd_rect *rect, int by_area, cells *c)
+static void expect_block(const kd_rect *rect, int by_area, cells *c)
 {
-    const int x0 = (int)((long)rect->x0 * c->columns / r->f.image.width);
-    const int y0 = (int)((long)rect->y0 * c->rows / r->f.image.height);
     int x, y;
 
-    for (y = y0; y < c->rows && (long)y * r->f.image.height < (long)rect->y1 * c->rows; y++) {
-        const double part = overlap_v(r, rect, c, y, by_area) * rect->probability;
+    for (y = (int)(rect->v0 * (double)c->rows); y < c->rows; y++) {
+        const double part = overlap_v(rect, c, y, by_area) * rect->probability;
 
-        for (x = x0; x < c->columns && (long)x * r->f.image.width < (long)rect->x1 * c->columns;
-             x++)
-            c->expected[y * c->columns + x] += part * overlap_u(r, rect, c, x);
+        if ((double)y >= rect->v1 * (double)c->rows)
+            break;
+        for (x = (int)(rect->u0 * (double)c->columns); x < c->columns; x++) {
+            if ((double)x >= rect->u1 * (double)c->columns)
+                break;
+            c->expected[y * c->columns + x] += part * overlap_u(rect, c, x);
+        }
     }
 }
 
@@ -97,7 +97,7 @@ static void expect_blocks(const reference *r, int by_area, cells *c)
     int i;
 
     for (i = 0; i < r->f.info.block_count; i++)
-        expect_block(r, &r->rects[i], by_area, c);
+        expect_block(&r->rects[i], by_area, c);
 }
 
 /* One cell a texel: luminance times solid angle, or, for the fault, times area. */
@@ -164,7 +164,7 @@ static stat_result cells_test(const cells *c)
 
 static void test_blocks(const char *name, int blocks, envsamp_kd_select select)
 {
-    const char *kind = select == ENVSAMP_KD_ALIAS ? "ALIAS" : "FIT";
+    const char *kind = select_names[select];
     cells c = cells_make(64, 32);
     stat_result result;
     reference r;
@@ -194,6 +194,7 @@ static void test_all_blocks(void)
         for (k = 0; k < 3; k++) {
             test_blocks(names[i], counts[k], ENVSAMP_KD_ALIAS);
             test_blocks(names[i], counts[k], ENVSAMP_KD_FIT);
+            test_blocks(names[i], counts[k], ENVSAMP_KD_WARP);
         }
 }
 
@@ -218,6 +219,57 @@ static void test_texels(const char *name, int width, int height)
     reference_free(&r);
     image_free(&map);
     cells_free(&c);
+}
+
+/* Counts the parts of texels that samples lie in. */
+static void parts_sample(const reference *r, int count, cells *c)
+{
+    pcg32 random = pcg32_make(23, 1);
+    int i, k;
+
+    for (i = 0; i < count; i++) {
+        const float u0 = pcg32_float(&random), u1 = pcg32_float(&random);
+        const envsamp_sample s = envsamp_kd_sample(r->f.kd, u0, u1);
+        int texel, block;
+        double u, v;
+
+        kd_point(s.dir, &u, &v);
+        texel = kd_cover_texel(&r->cover, u, v);
+        block = kd_cover_owner(&r->cover, u, v);
+        for (k = r->cover.first[texel]; k < r->cover.first[texel + 1]; k++)
+            c->hits[k] += r->cover.pieces[k].block == block ? 1.0 : 0.0;
+    }
+}
+
+/* Blocks of WARP hold parts of texels: block by texel is a cell of its own, of which the share of
+   the block's solid angle, by sums over the map, is what its samples must keep to. */
+static void test_parts(const char *name, int width, int height, int blocks)
+{
+    stat_result result;
+    reference r;
+    image map;
+    cells c;
+    int t, k, pieces;
+
+    map_make(name, width, height, &map);
+    if (!build(&r, &map, blocks, ENVSAMP_KD_WARP))
+        return;
+    pieces = r.cover.first[width * height];
+    c = cells_make(pieces, 1);
+    for (t = 0; t < width * height; t++)
+        for (k = r.cover.first[t]; k < r.cover.first[t + 1]; k++) {
+            const kd_rect *rect = &r.rects[r.cover.pieces[k].block];
+
+            c.expected[k] = rect->probability * r.cover.pieces[k].share / rect->solid_angle
+                          * kd_solid_angle(width, height, 0, t / width, 1, t / width + 1);
+        }
+    parts_sample(&r, 4 * SAMPLES, &c);
+    result = cells_test(&c);
+    CHECK(result.pass, "%s, WARP, %dx%d, %d blocks, %d parts of texels: %s, p = %.3g", name, width,
+          height, r.f.info.block_count, pieces, stat_verdict_string(result.verdict), result.p);
+    cells_free(&c);
+    reference_free(&r);
+    image_free(&map);
 }
 
 /* ---- faults that the tests above must see ---- */
@@ -323,6 +375,37 @@ static void control_float_sums(void)
     cells_free(&rounded);
 }
 
+/* Faults in samples of WARP: the cells expect what its blocks claim, with nothing from the table's
+   own densities. */
+static void test_warp_controls(void)
+{
+    static const char *const what[] = { "", "WARP: half a texel in u", "WARP: u and v swapped",
+                                        "WARP: a map turned by 10 degrees" };
+    cells c;
+    reference r;
+    image map;
+    int kind;
+
+    map_make("foliage", 64, 32, &map);
+    if (build(&r, &map, 64 * 32, ENVSAMP_KD_WARP)) {
+        for (kind = HALF_TEXEL; kind <= TURNED; kind++) {
+            c = cells_make(64, 32);
+            expect_blocks(&r, 0, &c);
+            cells_sample(&r, SAMPLES, 18, (fault)kind, &c);
+            must_reject(what[kind], &c);
+            cells_free(&c);
+        }
+        c = cells_make(64, 32);
+        expect_blocks(&r, 1, &c);
+        cells_sample(&r, SAMPLES, 19, HONEST, &c);
+        must_reject("WARP: samples in blocks by area", &c);
+        cells_free(&c);
+        control_cell(&r);
+    }
+    reference_free(&r);
+    image_free(&map);
+}
+
 static void test_controls(void)
 {
     reference r, coarse;
@@ -341,6 +424,7 @@ static void test_controls(void)
     reference_free(&coarse);
     image_free(&map);
     control_float_sums();
+    test_warp_controls();
 }
 
 /* ---- nothing is drawn where the map is black ---- */
@@ -379,17 +463,21 @@ static long samples_in_the_dark(const reference *r)
     return dark;
 }
 
-/* A map of which scattered texels, the lower pole and a quarter are black. */
+/* A map of which scattered texels, the lower pole and a quarter are black. WARP's tiles cut texels,
+   so that it has no blocks for as many lit and black ones: there few are scattered, and the lit
+   ones are even. */
 static void test_dark(envsamp_kd_select select)
 {
+    const int warp = select == ENVSAMP_KD_WARP;
     pcg32 random = pcg32_make(22, 0);
     reference r;
     image map;
     int i, c;
 
-    map_make("foliage", 64, 32, &map);
+    map_make(warp ? "constant" : "foliage", 64, 32, &map);
     for (i = 0; i < 64 * 32; i++)
-        if (pcg32_float(&random) < 0.3f || i >= 64 * 30 || (i % 64 > 15 && i % 64 < 32))
+        if (pcg32_float(&random) < (warp ? 0.02f : 0.3f) || i >= 64 * 30
+            || (i % 64 > 15 && i % 64 < 32))
             for (c = 0; c < 3; c++)
                 map.rgb[3 * i + c] = 0.0f;
     if (build(&r, &map, 64 * 32, select)) {
@@ -410,7 +498,6 @@ typedef struct position { double fx, fy; int block; } position;
 /* From sample.uv which block, from the direction where in it, both 0..1, uniform in solid angle. */
 static position position_of(const reference *r, const envsamp_sample *s)
 {
-    const double width = (double)r->f.image.width, height = (double)r->f.image.height;
     const kd_rect *rect;
     position p;
     double u, v;
@@ -420,9 +507,8 @@ static position position_of(const reference *r, const envsamp_sample *s)
     kd_point(s->dir, &u, &v);
     u += (double)s->uv[0] - u > 0.5 ? 1.0 : 0.0;
     u -= u - (double)s->uv[0] > 0.5 ? 1.0 : 0.0;
-    p.fx = (u * width - (double)rect->x0) / (double)(rect->x1 - rect->x0);
-    p.fy = zone((double)rect->y0 / height, v, 0)
-         / zone((double)rect->y0 / height, (double)rect->y1 / height, 0);
+    p.fx = (u - rect->u0) / (rect->u1 - rect->u0);
+    p.fy = zone(rect->v0, v, 0) / zone(rect->v0, rect->v1, 0);
     p.fx = fmin(fmax(p.fx, 0.0), 1.0);
     p.fy = fmin(fmax(p.fy, 0.0), 1.0);
     return p;
@@ -450,6 +536,7 @@ static void test_positions(const char *name, int blocks, envsamp_kd_select selec
 {
     pcg32 random = pcg32_make(31, 0);
     cells c = position_cells(), first = position_cells();
+    char what[32];
     reference r;
     image map;
     int i;
@@ -466,7 +553,8 @@ static void test_positions(const char *name, int blocks, envsamp_kd_select selec
         if (p.block == 0)
             cells_hit(&first, p.fx, p.fy);
     }
-    position_report(select == ENVSAMP_KD_ALIAS ? "ALIAS blocks" : "FIT blocks", &c);
+    snprintf(what, sizeof what, "%s blocks", select_names[select]);
+    position_report(what, &c);
     if (select == ENVSAMP_KD_FIT) {
         CHECK(r.f.info.alpha < 1.0, "%s: alpha is %.3g", name, r.f.info.alpha);
         position_report("FIT's first block, drawn most", &first);
@@ -600,7 +688,7 @@ static void test_integrals(const char *name, int blocks, envsamp_kd_select selec
         const double p = stat_mean_test(&m, known, forgiven * known);
 
         CHECK(p >= STAT_ALPHA, "%s, %s%s: integral of %s is %.5f of what it should be, p = %.3g",
-              name, select == ENVSAMP_KD_ALIAS ? "ALIAS" : "FIT",
+              name, select_names[select],
               lattice ? ", regular u1" : "", integrand_name((integrand)i), m.mean / known, p);
     }
     reference_free(&r);
@@ -659,7 +747,7 @@ static void test_variance(const char *name, int blocks, envsamp_kd_select select
     }
     p = stat_mean_test(&moments, 1.0 + r.f.info.excess_variance, 1e-6);
     CHECK(p >= STAT_ALPHA, "%s, %s, %d blocks: variance %.5f is as told, %.5f, p = %.3g", name,
-          select == ENVSAMP_KD_ALIAS ? "ALIAS" : "FIT", r.f.info.block_count, moments.mean - 1.0,
+          select_names[select], r.f.info.block_count, moments.mean - 1.0,
           r.f.info.excess_variance, p);
     reference_free(&r);
     image_free(&map);
@@ -730,14 +818,15 @@ static void test_both(void)
 
 static void test_means(void)
 {
-    const envsamp_kd_select selects[2] = { ENVSAMP_KD_ALIAS, ENVSAMP_KD_FIT };
+    const envsamp_kd_select selects[] = { ENVSAMP_KD_ALIAS, ENVSAMP_KD_FIT, ENVSAMP_KD_WARP };
     int i;
 
-    for (i = 0; i < 2; i++) {
+    for (i = 0; i < 3; i++) {
         test_integrals("studio", 6144, selects[i], 0);
         test_integrals("foliage", 256, selects[i], 0);
         test_integrals("night", 6144, selects[i], 0);
-        test_integrals("foliage", 6144, selects[i], 1);
+        if (selects[i] != ENVSAMP_KD_WARP)      /* whose u1 chooses blocks too */
+            test_integrals("foliage", 6144, selects[i], 1);
         test_variance("studio", 500, selects[i]);
         test_variance("foliage", 6144, selects[i]);
         test_variance("sky", 6144, selects[i]);
@@ -754,12 +843,18 @@ int main(void)
     test_texels("night", 32, 16);
     test_texels("foliage", 37, 19);
     test_texels("foliage", 64, 32);
+    test_parts("sky", 64, 32, 1000);
+    test_parts("foliage", 37, 19, 500);
+    test_parts("studio", 64, 32, 3000);
     test_controls();
     test_dark(ENVSAMP_KD_ALIAS);
     test_dark(ENVSAMP_KD_FIT);
+    test_dark(ENVSAMP_KD_WARP);
     test_positions("sky", 6144, ENVSAMP_KD_ALIAS);
     test_positions("foliage", 32768, ENVSAMP_KD_ALIAS);
     test_positions("sky", 6144, ENVSAMP_KD_FIT);
+    test_positions("sky", 6144, ENVSAMP_KD_WARP);
+    test_positions("foliage", 32768, ENVSAMP_KD_WARP);
     test_rare_blocks(1.0);
     test_rare_blocks(4.0);
     test_means();

@@ -13,14 +13,16 @@
 
 #include <float.h>
 
-#define KINDS 4
+#define KINDS 6
 
-static const char *const kind_names[KINDS] = { "ALIAS", "FIT LOG", "FIT POWER", "ALIAS, 1 block" };
+static const char *const kind_names[KINDS] = { "ALIAS", "FIT LOG", "FIT POWER", "ALIAS, 1 block",
+                                               "WARP", "WARP, 1 block" };
 
 static envsamp_kd_desc kind_desc(int kind, int blocks)
 {
-    envsamp_kd_desc desc = kd_desc(kind == 3 ? 1 : blocks,
-                                   kind % 3 ? ENVSAMP_KD_FIT : ENVSAMP_KD_ALIAS);
+    static const envsamp_kd_select selects[KINDS] = { ENVSAMP_KD_ALIAS, ENVSAMP_KD_FIT,
+        ENVSAMP_KD_FIT, ENVSAMP_KD_ALIAS, ENVSAMP_KD_WARP, ENVSAMP_KD_WARP };
+    envsamp_kd_desc desc = kd_desc(kind == 3 || kind == 5 ? 1 : blocks, selects[kind]);
 
     desc.model = kind == 2 ? ENVSAMP_KD_POWER : ENVSAMP_KD_LOG;
     return desc;
@@ -41,7 +43,7 @@ static void build_kind(kd_fixture *f, int kind, const char *name, int width, int
     image_free(&map);
 }
 
-/* What `count` samples and densities come to: any bit that differs changes it. */
+/* What `count` samples, their densities and inverses come to: any bit that differs changes it. */
 static uint32_t fingerprint(const envsamp_kd *kd, int count)
 {
     pcg32 random = pcg32_make(61, 0);
@@ -56,8 +58,10 @@ static uint32_t fingerprint(const envsamp_kd *kd, int count)
         for (w = 0; w < (int)(sizeof words / 4); w++)
             print = hash_combine(print, words[w]);
         s.pdf = envsamp_kd_pdf(kd, s.dir);
-        memcpy(words, &s.pdf, sizeof(float));
-        print = hash_combine(print, words[0]);
+        envsamp_kd_invert(kd, s.dir, s.uv);
+        memcpy(words, &s, sizeof words);
+        for (w = 3; w < (int)(sizeof words / 4); w++)
+            print = hash_combine(print, words[w]);
     }
     return print;
 }
@@ -348,6 +352,36 @@ static int survives(const envsamp_kd *kd, int samples, pcg32 *random)
     return finite;
 }
 
+#define BATCH 130               /* more than two batches of the library */
+
+/* The same in batches, and inverses. */
+static int batches_survive(const envsamp_kd *kd, pcg32 *random)
+{
+    float u0[BATCH], u1[BATCH], x[BATCH], y[BATCH], z[BATCH], pdf[BATCH], u[2];
+    int i, inverted, finite = 1;
+
+    for (i = 0; i < BATCH; i++) {
+        u0[i] = pcg32_float(random);
+        u1[i] = i % 7 ? pcg32_float(random) : 0.99999994f;
+    }
+    envsamp_kd_sample_n(kd, BATCH, u0, u1, x, y, z, pdf);
+    for (i = 0; i < BATCH; i++) {
+        const float sampled[3] = { x[i], y[i], z[i] };
+        const float any[3] = { u0[i] - 0.5f, u1[i] - 0.5f, pcg32_float(random) - 0.5f };
+
+        finite &= fabsf(x[i]) <= 4.0f && fabsf(y[i]) <= 4.0f && fabsf(z[i]) <= 4.0f
+               && pdf[i] >= 0.0f && pdf[i] <= FLT_MAX;
+        inverted = envsamp_kd_invert(kd, i % 2 ? sampled : any, u);
+        finite &= inverted == 0 || inverted == 1;
+        finite &= u[0] >= 0.0f && u[0] < 1.0f && u[1] >= 0.0f && u[1] < 1.0f;
+    }
+    envsamp_kd_pdf_n(kd, BATCH, x, y, z, pdf);
+    envsamp_kd_pdf_n(kd, BATCH, u0, u1, u0, x);
+    for (i = 0; i < BATCH; i++)
+        finite &= pdf[i] >= 0.0f && pdf[i] <= FLT_MAX && x[i] >= 0.0f && x[i] <= FLT_MAX;
+    return finite;
+}
+
 static int blocks_survive(const envsamp_kd *kd)
 {
     envsamp_kd_info info;
@@ -355,7 +389,7 @@ static int blocks_survive(const envsamp_kd *kd)
     int i, good = envsamp_kd_get_info(kd, &info) == ENVSAMP_OK;
 
     for (i = 0; good && i < info.block_count; i++)
-        good = envsamp_kd_get_block(kd, i, &block) == ENVSAMP_OK && block.solid_angle > 0.0f
+        good = envsamp_kd_get_block(kd, i, &block) == ENVSAMP_OK && block.solid_angle >= 0.0f
             && block.uv_max[0] <= 1.0f && block.uv_max[1] <= 1.0f;
     return good;
 }
@@ -380,7 +414,8 @@ static void test_mutations(const kd_fixture *f, int count, int samples)
             continue;
         }
         opened++;
-        failed += !survives(kd, samples, &random) || !blocks_survive(kd);
+        failed += !survives(kd, samples, &random) || !batches_survive(kd, &random)
+               || !blocks_survive(kd);
     }
     CHECK(!kept, "a refused table is not handed out");
     CHECK(!failed, "of %d damaged tables %d open, and all but %d of those sample", count, opened,
@@ -414,13 +449,217 @@ static void test_every_link(const kd_fixture *f)
 
 static void test_damage(int kind)
 {
+    const int warp = kind == 4;
     kd_fixture f;
 
     build_kind(&f, kind, "foliage", 16, 8, 21);
     test_bit_flips(&f);
     test_truncations(&f);
-    test_mutations(&f, 25000, 1000);
+    test_mutations(&f, warp ? 100000 : 25000, warp ? 400 : 1000);
     test_every_link(&f);
+    kd_fixture_free(&f);
+}
+
+/* ---- what a table of WARP must not hold ---- */
+
+/* A copy of a table to be changed and tried. */
+typedef struct trial { unsigned char *table; const kd_fixture *f; size_t bytes; } trial;
+
+static trial trial_make(const kd_fixture *f)
+{
+    trial t;
+
+    t.f = f;
+    t.bytes = envsamp_kd_bytes(f->kd);
+    t.table = (unsigned char *)kd_allocate(t.bytes);
+    memcpy(t.table, f->kd, t.bytes);
+    return t;
+}
+
+/* Opens the copy, mends it again, and says whether it opened. */
+static int trial_opens(trial *t)
+{
+    const envsamp_kd *kd;
+    int opened;
+
+    mend_checksum(t->table, t->bytes);
+    opened = envsamp_kd_open(t->table, t->bytes, &kd) == ENVSAMP_OK && kd;
+    memcpy(t->table, t->f->kd, t->bytes);
+    return opened;
+}
+
+static int opens_with_word(trial *t, size_t at, uint32_t word)
+{
+    memcpy(t->table + at, &word, sizeof word);
+    return trial_opens(t);
+}
+
+static int opens_with_float(trial *t, size_t at, float value)
+{
+    memcpy(t->table + at, &value, sizeof value);
+    return trial_opens(t);
+}
+
+static float float_at(const trial *t, size_t at)
+{
+    float value;
+
+    memcpy(&value, t->table + at, sizeof value);
+    return value;
+}
+
+static void test_wrong_tiles(trial *t)
+{
+    const float bad[] = { NAN, INFINITY, -INFINITY, 1.5f, -1.5f };
+    const int tiles = kd_tile_count(t->f->kd);
+    int i, k, v, opened = 0;
+
+    for (i = 0; i < tiles; i++) {
+        const size_t at = t->f->kd->tiles_at + 16 * (size_t)i;
+
+        for (k = 0; k < 4; k++) {
+            const size_t edge = at + 4 * (size_t)k, other = at + 4 * (size_t)(k ^ 1);
+
+            for (v = 0; v < 5; v++)
+                opened += opens_with_float(t, edge, bad[v]);
+            opened += opens_with_float(t, edge, float_at(t, other));
+        }
+        opened += opens_with_float(t, at, -1e-3f);
+        opened += opens_with_float(t, at + 4, 0.0f);
+        opened += opens_with_float(t, at + 8, -0.0f);
+        opened += opens_with_float(t, at + 12, 0.0f);
+    }
+    CHECK(trial_opens(t), "%d tiles as they are", tiles);
+    CHECK(!opened, "edges of tiles that do not rise, or leave the map, are refused, but %d",
+          opened);
+}
+
+/* Each cut is tried below and above what its tile, or the cuts above it, leave it. */
+static void test_wrong_cuts(trial *t)
+{
+    const int cuts = t->f->info.block_count - kd_tile_count(t->f->kd);
+    const float bad[] = { NAN, INFINITY, -INFINITY, 1.5f, -1.5f };
+    int i, v, opened = 0, turned = 0;
+
+    for (i = 0; i < cuts; i++) {
+        const size_t at = t->f->kd->warp_at + 16 * (size_t)i;
+        const float cut = float_at(t, at), edge = float_at(t, at + 4);
+
+        for (v = 0; v < 5; v++)
+            opened += opens_with_float(t, at, bad[v]) + opens_with_float(t, at + 4, bad[v]);
+        if (signbit(cut)) {
+            opened += opens_with_float(t, at + 4, 0.0f) + opens_with_float(t, at + 4, -0.0f);
+        } else {
+            opened += opens_with_float(t, at + 4, 0.0f) + opens_with_float(t, at + 4, 1.0f);
+            opened += opens_with_float(t, at + 4, -edge);
+        }
+        turned += opens_with_float(t, at, -cut);
+    }
+    CHECK(cuts > 20 && !opened, "%d cuts moved out of their blocks are refused, but %d", cuts,
+          opened);
+    CHECK(turned * 2 < cuts, "and most that are turned: %d open", turned);
+}
+
+static void test_wrong_order(trial *t)
+{
+    const uint32_t tiles = (uint32_t)kd_tile_count(t->f->kd);
+    const uint32_t cuts = (uint32_t)t->f->info.block_count - tiles;
+    const size_t sites = tiles + 2 * cuts;
+    uint32_t wrong[4] = { 0, 0, KD_LINK | 0x7fffffffu, 0x7f800000u };
+    size_t i, k;
+    int opened = 0, links = 0;
+
+    for (i = 0; i < sites; i++) {
+        const size_t at = i < tiles ? t->f->kd->roots_at + 4 * i
+                        : t->f->kd->warp_at + 16 * ((i - tiles) / 2) + 8 + 4 * ((i - tiles) % 2);
+        const uint32_t link = word_at(t->table, at);
+
+        links += link >> 31 ? 1 : 0;
+        wrong[0] = (link | KD_LINK) + (link >> 31);     /* the next, or a cut where none is */
+        wrong[1] = KD_LINK | cuts;
+        for (k = 0; k < 4; k++)
+            opened += opens_with_word(t, at, wrong[k]);
+        if (link >> 31)                                 /* the one before, and a lost subtree */
+            opened += opens_with_word(t, at, link - 1) + opens_with_word(t, at, 0x3f800000u);
+    }
+    CHECK(links == (int)cuts, "every cut has one link to it: %d of %d", links, (int)cuts);
+    CHECK(!opened, "links out of order or out of range are refused, but %d", opened);
+}
+
+/* A chain of cuts below a tile, each nearer to the low edge, with its first at entry `first`. */
+static void write_chain(trial *t, int tile, int first, int count)
+{
+    const size_t tile_at = t->f->kd->tiles_at + 16 * (size_t)tile;
+    const float x0 = float_at(t, tile_at), x1 = float_at(t, tile_at + 4);
+    uint32_t root = KD_LINK | (uint32_t)first;
+    int i;
+
+    if (!count)
+        root = 0x3f800000u;
+    memcpy(t->table + t->f->kd->roots_at + 4 * (size_t)tile, &root, sizeof root);
+    for (i = 0; i < count; i++) {
+        envsamp__warp node;
+
+        node.cut = (float)(count - i) / 256.0f;
+        node.edge = x0 + (x1 - x0) * node.cut;
+        node.child[0] = i + 1 < count ? KD_LINK | (uint32_t)(first + i + 1) : 0x3f800000u;
+        node.child[1] = 0x3f800000u;
+        memcpy(t->table + t->f->kd->warp_at + sizeof node * (size_t)(first + i), &node,
+               sizeof node);
+    }
+}
+
+/* Chains below the tiles of the first column: of `depth` cuts, and what is left. */
+static int opens_with_depth(trial *t, int depth)
+{
+    const int tiles = kd_tile_count(t->f->kd), cuts = t->f->info.block_count - tiles;
+    const int second = 1 << t->f->kd->tile_bits_x;
+    int i;
+
+    for (i = 0; i < tiles; i++)
+        write_chain(t, i, 0, 0);
+    write_chain(t, 0, 0, depth);
+    write_chain(t, second, depth, cuts - depth);
+    return trial_opens(t);
+}
+
+static void test_too_deep(trial *t)
+{
+    CHECK(opens_with_depth(t, 20) && opens_with_depth(t, 31) && opens_with_depth(t, KD_DEEPEST),
+          "chains of 20 to 32 cuts are fine");
+    CHECK(!opens_with_depth(t, KD_DEEPEST + 1) && !opens_with_depth(t, KD_DEEPEST + 2)
+          && !opens_with_depth(t, 40), "deeper ones are refused");
+}
+
+/* The header of a table of WARP and its sizes. */
+static void test_wrong_bits(trial *t)
+{
+    const size_t at[] = { offsetof(envsamp_kd, tile_bits_x), offsetof(envsamp_kd, tile_bits_y),
+                          offsetof(envsamp_kd, grid_bits_x), offsetof(envsamp_kd, grid_bits_y),
+                          offsetof(envsamp_kd, block_count), offsetof(envsamp_kd, select) };
+    const uint32_t words[] = { 0, 1, 9, 11, 12, 31, 32, 63, 0xffffffffu };
+    int i, k, opened = 0;
+
+    for (i = 0; i < 6; i++)
+        for (k = 0; k < 9; k++)
+            opened += words[k] != word_at(t->table, at[i]) && opens_with_word(t, at[i], words[k]);
+    CHECK(!opened, "other counts of bits, blocks and kinds are refused, but %d", opened);
+}
+
+static void test_warp_refusals(void)
+{
+    kd_fixture f;
+    trial t;
+
+    build_kind(&f, 4, "foliage", 64, 32, 60);
+    t = trial_make(&f);
+    CHECK(kd_tile_count(f.kd) == 16 && f.info.block_count == 60, "16 tiles, 44 cuts below them");
+    test_wrong_tiles(&t);
+    test_wrong_cuts(&t);
+    test_wrong_order(&t);
+    test_too_deep(&t);
+    test_wrong_bits(&t);
+    free(t.table);
     kd_fixture_free(&f);
 }
 
@@ -439,5 +678,6 @@ int main(int argc, char **argv)
         test_damage(kind);
     }
     test_open_errors();
+    test_warp_refusals();
     return check_done();
 }

@@ -10,6 +10,8 @@
 #include "../examples/common/random.h"
 
 #define BLOCKS 6144
+#define UNIT 16777216.0         /* 2^24: how many values a float u has */
+#define INVERTED 100000         /* samples a map whose direction is inverted */
 #define PAIRS (1 << 18)         /* samples a map whose pdf is asked for */
 
 /* Figures of one map. */
@@ -20,6 +22,11 @@ typedef struct figures {
     double brute_force;         /* of ALIAS, by sums over the texels */
     size_t bounds_bytes;
     long mismatched;            /* samples whose pdf(dir) is another */
+    double warp, warp_brute_force;      /* excess variance of WARP */
+    double cuts;                /* expected below a tile */
+    long warp_mismatched;
+    long crossed;               /* samples whose direction rounds into another block */
+    double inverse;             /* how far numbers come back, in 2^-24 times the stretch, or 1 */
 } figures;
 
 static double built_excess(const image *map, const envsamp_kd_desc *desc, int *built)
@@ -52,6 +59,72 @@ static long mismatches(const envsamp_kd *kd)
     return count;
 }
 
+/* How much wider a block is in the unit square than on the sphere. */
+static double stretch(const kd_warp_block *b, int axis)
+{
+    const double size = axis ? 0.5 * kd_cap_between(b->edge[2], b->edge[3])
+                             : (double)b->edge[1] - (double)b->edge[0];
+
+    return (b->high[axis] - b->low[axis]) / UNIT / size;
+}
+
+static void invert(const envsamp_kd *kd, figures *m)
+{
+    pcg32 random = pcg32_make(82, 0);
+    int i, axis;
+
+    for (i = 0; i < INVERTED; i++) {
+        const float u0 = pcg32_float(&random), u1 = pcg32_float(&random);
+        const envsamp_sample s = envsamp_kd_sample(kd, u0, u1);
+        const kd_warp_block from = kd_warp_at(kd, (double)u0, (double)u1);
+        const float pdf = envsamp_kd_pdf(kd, s.dir), before[2] = { u0, u1 };
+        kd_warp_block to;
+        float u[2];
+
+        envsamp_kd_invert(kd, s.dir, u);
+        to = kd_warp_at(kd, (double)u[0], (double)u[1]);
+        if (pdf < s.pdf || pdf > s.pdf || from.edge[0] < to.edge[0] || from.edge[0] > to.edge[0]
+            || from.edge[2] < to.edge[2] || from.edge[2] > to.edge[2] || from.tile != to.tile) {
+            m->crossed++;
+            continue;
+        }
+        for (axis = 0; axis < 2; axis++)
+            m->inverse = fmax(m->inverse, fabs((double)u[axis] - (double)before[axis]) * UNIT
+                                          / fmax(1.0, stretch(&from, axis)));
+    }
+}
+
+static double expected_cuts(const reference *r)
+{
+    const int count = r->f.info.block_count;
+    kd_warp_block *blocks = (kd_warp_block *)kd_allocate((size_t)count * sizeof *blocks);
+    double cuts = 0.0;
+    int i;
+
+    kd_warp_blocks(r->f.kd, blocks, count);
+    for (i = 0; i < count; i++)
+        cuts += r->rects[i].probability * (double)blocks[i].depth;
+    free(blocks);
+    return cuts;
+}
+
+static void measure_warp(const image *map, figures *m)
+{
+    const envsamp_kd_desc desc = kd_desc(BLOCKS, ENVSAMP_KD_WARP);
+    reference r;
+
+    if (!reference_build(&r, map, &desc)) {
+        m->built = 0;
+    } else {
+        m->warp = r.f.info.excess_variance;
+        m->warp_brute_force = fmax(reference_excess(&r), 0.0);
+        m->cuts = expected_cuts(&r);
+        m->warp_mismatched = mismatches(r.f.kd);
+        invert(r.f.kd, m);
+    }
+    reference_free(&r);
+}
+
 static figures measure(int index)
 {
     envsamp_kd_desc desc = kd_desc(BLOCKS, ENVSAMP_KD_ALIAS);
@@ -77,6 +150,7 @@ static figures measure(int index)
     m.l1 = built_excess(&map, &desc, &m.built);
     desc.objective = ENVSAMP_KD_CHI2;
     m.chi2 = built_excess(&map, &desc, &m.built);
+    measure_warp(&map, &m);
     image_free(&map);
     return m;
 }
@@ -96,6 +170,21 @@ static void check_map(int index, const figures *m)
     CHECK(m->bounds_bytes == 49152, "%s: bounds of %d bytes", name, (int)m->bounds_bytes);
 }
 
+static void check_warp(int index, const figures *m)
+{
+    const char *name = reference_real_name(index);
+
+    CHECK(m->warp <= 0.2, "%s: WARP has excess variance %.5f", name, m->warp);
+    CHECK(fabs(m->warp - m->warp_brute_force) <= 2e-6 * (1.0 + m->warp),
+          "%s: as a sum over its texels has, %.5f", name, m->warp_brute_force);
+    CHECK(m->cuts <= 2.0, "%s: %.2f cuts below a tile are expected", name, m->cuts);
+    CHECK(m->warp_mismatched * 2000 < PAIRS, "%s: WARP's pdf(sample) differs in %ld of %d", name,
+          m->warp_mismatched, PAIRS);
+    CHECK(m->inverse <= 4.0, "%s: samples invert, to %.2f of 2^-24", name, m->inverse);
+    CHECK(m->crossed * 1000 < INVERTED, "%s: but %ld of %d that round over an edge", name,
+          m->crossed, INVERTED);
+}
+
 static double median(const double *falling, int count)
 {
     return 0.5 * (falling[(count - 1) / 2] + falling[count / 2]);
@@ -103,20 +192,24 @@ static double median(const double *falling, int count)
 
 static void check_all(const figures *all)
 {
-    double excess[REFERENCE_REAL_COUNT], ratio[REFERENCE_REAL_COUNT];
+    double excess[REFERENCE_REAL_COUNT], ratio[REFERENCE_REAL_COUNT], warp[REFERENCE_REAL_COUNT];
     int i;
 
     for (i = 0; i < REFERENCE_REAL_COUNT; i++) {
         excess[i] = all[i].alias;
         ratio[i] = all[i].alias / all[i].sse;
+        warp[i] = all[i].warp;
     }
     qsort(excess, REFERENCE_REAL_COUNT, sizeof *excess, reference_falling);
+    qsort(warp, REFERENCE_REAL_COUNT, sizeof *warp, reference_falling);
     qsort(ratio, REFERENCE_REAL_COUNT, sizeof *ratio, reference_falling);
     CHECK(excess[1] <= 0.018, "17 maps have at most %.5f, one %.5f", excess[1], excess[0]);
     CHECK(median(excess, REFERENCE_REAL_COUNT) <= 0.004, "the median is %.5f",
           median(excess, REFERENCE_REAL_COUNT));
     CHECK(median(ratio, REFERENCE_REAL_COUNT) < 0.85,
           "EXCESS has a median %.3f of the variance of SSE", median(ratio, REFERENCE_REAL_COUNT));
+    CHECK(median(warp, REFERENCE_REAL_COUNT) <= 0.008, "the median of WARP is %.5f, the worst %.5f",
+          median(warp, REFERENCE_REAL_COUNT), warp[0]);
 }
 
 int main(void)
@@ -127,10 +220,12 @@ int main(void)
     for (i = 0; i < REFERENCE_REAL_COUNT; i++) {
         all[i] = measure(i);
         present += all[i].present;
-        if (all[i].present)
+        if (all[i].present) {
             check_map(i, &all[i]);
-        else
+            check_warp(i, &all[i]);
+        } else {
             CHECK_SKIP("a real map is missing: run make data");
+        }
     }
     if (present == REFERENCE_REAL_COUNT)
         check_all(all);
