@@ -27,7 +27,7 @@ TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 TEST_AID := $(filter-out $(wildcard tests/test_*.c),$(wildcard tests/*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 
-.PHONY: help demo test bench figures convergence data setup clean
+.PHONY: help demo test bench fuzz figures convergence data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -48,6 +48,10 @@ test: setup $(TESTS) $(BUILD)/quickstart $(BUILD)/demo_exr  ## build and run all
 bench: $(BUILD)/bench $(BUILD)/bench_batch  ## time it against other samplers; MAP=name or file
 	$(BUILD)/bench $(MAP)
 	$(BUILD)/bench_batch $(MAP)
+
+# A million tables take about half an hour.
+fuzz: $(BUILD)/fuzz_kd_table  ## open and sample damaged tables under sanitizers; TABLES=1000000
+	$(BUILD)/fuzz_kd_table $(BUILD)/fuzz.bin $(or $(TABLES),20000)
 
 figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; POINTS=10000000
 	$(BUILD)/figures $(POINTS)
@@ -98,6 +102,11 @@ $(BUILD)/convergence: bench/convergence.c $(PLOTTED) $(COMMON) $(HEADERS) | $(BU
 
 $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/figures.c $(COMMON) -lm -o $@
+
+$(BUILD)/fuzz_kd_table: tests/test_kd_table.c $(TEST_AID) $(COMMON) examples/common/exr.c $(HEADERS) \
+                        | $(BUILD)
+	$(COMPILE) -g -fsanitize=address,undefined -fno-sanitize-recover $(EXR_CFLAGS) $< $(TEST_AID) \
+	    $(COMMON) examples/common/exr.c $(EXR_LIBS) -lm -o $@
 
 $(BUILD)/test_%: tests/test_%.c $(TEST_AID) $(COMMON) examples/common/exr.c $(HEADERS) | $(BUILD)
 	$(COMPILE) $(EXR_CFLAGS) $< $(TEST_AID) $(COMMON) examples/common/exr.c $(EXR_LIBS) -lm -o $@

@@ -1894,23 +1894,25 @@ static int envsamp__block_level(const envsamp__map *map, const envsamp__rect *r)
     return k;
 }
 
-/* Width of each bin of columns, solid angle of a texel column in each bin of rows. */
-static void envsamp__bin_weights(const envsamp__map *map, const envsamp__rect *rect, int shift,
-                                 int width, int height, const envsamp__bins *bins)
+/* Width of each bin of columns, solid angle of a texel column in each bin of rows: those of level
+   k, but for the first and the last, which an edge may cut. */
+static void envsamp__bin_weights(const envsamp__map *map, int k, const envsamp__rect *rect,
+                                 const envsamp__window *w, const envsamp__bins *bins)
 {
-    int i;
+    int shift = map->levels[k].shift, width = w->x1 - w->x0, height = w->y1 - w->y0, i;
 
     for (i = 0; i < width; i++)
         bins->columns->weight[i] = (double)(1 << shift);
+    for (i = 0; i < height; i++)
+        bins->rows->weight[i] = map->levels[k].row_sr[w->y0 + i];
     for (i = 0; i < width; i += width > 1 ? width - 1 : 1)
         bins->columns->weight[i] = envsamp__overlap(rect->x0, rect->x1,
-            (double)((bins->x0 + i) << shift), (double)((bins->x0 + i + 1) << shift));
-    for (i = 0; i < height; i++) {
-        double top = (double)((bins->y0 + i) << shift);
-        double end = (double)((bins->y0 + i + 1) << shift);
+            (double)((w->x0 + i) << shift), (double)((w->x0 + i + 1) << shift));
+    for (i = 0; i < height; i += height > 1 ? height - 1 : 1) {
+        double top = envsamp__max((double)((w->y0 + i) << shift), rect->y0);
+        double end = (double)((w->y0 + i + 1) << shift);
 
-        bins->rows->weight[i] = envsamp__rows_sr(map, top > rect->y0 ? top : rect->y0,
-                                                 end < rect->y1 ? end : rect->y1);
+        bins->rows->weight[i] = envsamp__rows_sr(map, top, end < rect->y1 ? end : rect->y1);
     }
 }
 
@@ -1943,7 +1945,7 @@ static envsamp__window envsamp__block_profile(envsamp__tree *tree, int k, const 
     bins.shift_x = bins.shift_y = level->shift;
     bins.least_sum = ENVSAMP__EVEN * sum;
     bins.least_square = ENVSAMP__EVEN * envsamp__max(b->whole.square, sum * sum / sr);
-    envsamp__bin_weights(map, &b->rect, level->shift, w.x1 - w.x0, w.y1 - w.y0, &bins);
+    envsamp__bin_weights(map, k, &b->rect, &w, &bins);
     envsamp__profile_clear(tree->columns, w.x1 - w.x0);
     if (k == 0) {
         envsamp__prefetch(map->luminance + (size_t)w.y0 * (size_t)map->width + w.x0,

@@ -249,12 +249,15 @@ static void print_smaller(const demo *d, double kib)
 static void print_method(const demo *d, const method *m, const table *t, double ns)
 {
     double table_kib = (double)envsamp_kd_bytes(t->kd) / 1024.0;
-    double bounds_kib = 8.0 * (double)t->info.block_count / 1024.0;
 
     printf("%-23s %6d %7.1f", m->name, t->info.block_count, table_kib);
     print_smaller(d, table_kib);
-    printf(" %7.1f %8.2f %7.1f %9.5f %8.3g", bounds_kib, t->build_ms, ns,
-           t->info.excess_variance, t->info.max_ratio);
+    if (m->select == ENVSAMP_KD_WARP)       /* its tree stands for bounds */
+        printf(" %7s", "-");
+    else
+        printf(" %7.1f", 8.0 * (double)t->info.block_count / 1024.0);
+    printf(" %8.2f %7.1f %9.5f %8.3g", t->build_ms, ns, t->info.excess_variance,
+           t->info.max_ratio);
     if (m->select == ENVSAMP_KD_FIT)
         printf(" %8.3g\n", t->info.alpha);
     else
