@@ -2185,8 +2185,7 @@ static void envsamp__tree_grow(envsamp__tree *tree, int wanted)
 
 #define ENVSAMP__BLOCKS_PER_TILE 3      /* 2 at least: the crown has as many cuts as tiles */
 #define ENVSAMP__EVEN_MEDIAN (1.0 / 1024)
-#define ENVSAMP__MEDIAN_BINS 512        /* rectangles of so few rows, columns and texels are read */
-#define ENVSAMP__MEDIAN_TEXELS 8192     /* texel by texel */
+#define ENVSAMP__MEDIAN_TEXELS 8192     /* rectangles of so few are read texel by texel */
 
 /* An edge as a table stores it: azimuth in turns. */
 static inline float envsamp__edge_x(const envsamp__map *map, double x)
@@ -2239,12 +2238,12 @@ static envsamp__crossing envsamp__cross(const double *sum, int count, int first,
     return c;
 }
 
-/* Light of each column, or row, of a rectangle, from all its texels. */
+/* Light of each column, or row, of a rectangle, from all its texels. `column` is memory for as many
+   as there are columns. */
 static void envsamp__texel_sums(const envsamp__map *map, const envsamp__rect *r, int axis,
-                                const envsamp__window *w, double *sum)
+                                const envsamp__window *w, float *column, double *sum)
 {
     const float small = 1.0f / 1024.0f;     /* FLT_MAX in every texel does not overflow */
-    float column[ENVSAMP__MEDIAN_BINS];
     int width = w->x1 - w->x0, x, y, i;
 
     for (x = 0; x < width && axis == 0; x++)
@@ -2282,7 +2281,7 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
 {
     const envsamp__map *map = tree->map;
     envsamp__profile *profile = axis ? tree->rows : tree->columns;
-    double texel_sum[ENVSAMP__MEDIAN_BINS], half = -1.0;
+    double half = -1.0;
     envsamp__rect r = *rect;
     double *low = axis ? &r.y0 : &r.x0, *high = axis ? &r.y1 : &r.x1;
     envsamp__crossing c = { 0.0, 0.0, 0.0, 0.0 };
@@ -2295,9 +2294,9 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
     for (;;) {
         envsamp__window w = envsamp__touched(map, 0, &r);
         int k = 0, count = axis ? w.y1 - w.y0 : w.x1 - w.x0, shift, i;
-        int texels = count <= ENVSAMP__MEDIAN_BINS
+        int texels = count <= ENVSAMP__PROFILE
                   && (int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__MEDIAN_TEXELS;
-        double *sum = texels ? texel_sum : profile->sum, total = 0.0;
+        double total = 0.0;
 
         while (!texels && k + 1 < map->level_count
                && envsamp__cell_count(*low, *high, map->levels[k].shift) > 16)
@@ -2306,7 +2305,7 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
         w = envsamp__touched(map, k, &r);
         count = axis ? w.y1 - w.y0 : w.x1 - w.x0;
         if (texels) {
-            envsamp__texel_sums(map, &r, axis, &w, sum);
+            envsamp__texel_sums(map, &r, axis, &w, profile->max, profile->sum);
         } else {
             bins.x0 = axis ? 0 : w.x0;
             bins.y0 = axis ? w.y0 : 0;
@@ -2317,9 +2316,9 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
             envsamp__add_rect(map, k, &w, &r, &bins);
         }
         for (i = 0; i < count; i++)
-            total += sum[i];
+            total += profile->sum[i];
         half = half < 0.0 ? 0.5 * total : half;
-        c = envsamp__cross(sum, count, (axis ? w.y0 : w.x0) << shift, 1 << shift, *low, *high,
+        c = envsamp__cross(profile->sum, count, (axis ? w.y0 : w.x0) << shift, 1 << shift, *low, *high,
                            c.before, half);
         if (k == 0)
             return c.low + c.f * (c.high - c.low);
