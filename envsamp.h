@@ -2318,8 +2318,8 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
         for (i = 0; i < count; i++)
             total += profile->sum[i];
         half = half < 0.0 ? 0.5 * total : half;
-        c = envsamp__cross(profile->sum, count, (axis ? w.y0 : w.x0) << shift, 1 << shift, *low, *high,
-                           c.before, half);
+        c = envsamp__cross(profile->sum, count, (axis ? w.y0 : w.x0) << shift, 1 << shift, *low,
+                           *high, c.before, half);
         if (k == 0)
             return c.low + c.f * (c.high - c.low);
         *low = c.low;
