@@ -40,8 +40,8 @@
  *                        [1]                   random                  smaller, 5 to 60 % more
  *                                                                      variance, up to 140 %
  *
- *     envsamp_cdf        by inversion over     stay      2 to 3  yes     no excess variance at all is
- *                        texels                strata                  wanted: 4.5 bytes a texel
+ *     envsamp_cdf        by inversion over     stay      3       yes     none of the variance of
+ *                        texels                strata                  blocks: 4.5 bytes a texel
  *
  * A table of 6144 blocks, the default, replaces the CDF of a map of any resolution. What it loses
  * against that is `excess_variance`, which envsamp_kd_get_info tells exactly.
