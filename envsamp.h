@@ -2264,8 +2264,7 @@ static void envsamp__tree_grow(envsamp__tree *tree, int wanted)
  * Also tried, and no better: polar angle first, all cuts across one axis before the other (RMSE 5,
  * and 10 or 26 % above); halving root mean squares of 2x2 texels, or the Q of a first tree's
  * blocks, instead of light (excess 8 times, and the same); weighing splits by the light of their
- * tile, or by the shape of their parts (2 to 4 % more of either). Below a tile the cuts take one
- * step each: a step without branches costs less than half of a wrong guess.
+ * tile, or by the shape of their parts (2 to 4 % more of either).
  * ========================================================================================== */
 
 #define ENVSAMP__BLOCKS_PER_TILE 3      /* 2 at least: the crown has as many cuts as tiles */
