@@ -10,6 +10,7 @@
 #define KD_FIXTURE_H
 
 #include "../envsamp.h"
+#include "../examples/common/random.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -508,6 +509,17 @@ static inline int kd_cover_owner(const kd_cover *c, double u, double v)
         }
     }
     return owner;
+}
+
+/* A direction, uniform over the sphere. */
+static inline void kd_random_direction(pcg32 *random, float dir[3])
+{
+    const double z = 2.0 * (double)pcg32_float(random) - 1.0;
+    const double phi = 2.0 * KD_PI * (double)pcg32_float(random), r = sqrt(1.0 - z * z);
+
+    dir[0] = (float)(r * cos(phi));
+    dir[1] = (float)(r * sin(phi));
+    dir[2] = (float)z;
 }
 
 /* A point of the map to a direction, with libm. */

@@ -290,16 +290,6 @@ static void audit_edges(const grid *g, audit *a)
     }
 }
 
-static void random_direction(pcg32 *random, float dir[3])
-{
-    const double z = 2.0 * (double)pcg32_float(random) - 1.0;
-    const double phi = 2.0 * KD_PI * (double)pcg32_float(random), r = sqrt(1.0 - z * z);
-
-    dir[0] = (float)(r * cos(phi));
-    dir[1] = (float)(r * sin(phi));
-    dir[2] = (float)z;
-}
-
 static void audit_scan(const grid *g, int count, audit *a)
 {
     pcg32 random = pcg32_make(11, (uint64_t)a->tables);
@@ -307,7 +297,7 @@ static void audit_scan(const grid *g, int count, audit *a)
     int i;
 
     for (i = 0; i < count; i++) {
-        random_direction(&random, dir);
+        kd_random_direction(&random, dir);
         a->scan_misses += !grid_accepts_direction(g, dir);
     }
 }
@@ -692,7 +682,7 @@ static void test_unnormalised(envsamp_kd_select select)
     view = kd_image(map.rgb, 256, 128, 3);
     CHECK(grid_build(&g, &view, &desc), "a table for directions of any length");
     for (i = 0; i < 5000; i++) {
-        random_direction(&random, dir);
+        kd_random_direction(&random, dir);
         for (k = 0; k < 9; k++) {
             const float scale = k < 5 ? exact[k] : rounded[k - 5];
 
@@ -797,7 +787,7 @@ static void test_dir_to_uv(envsamp_mapping mapping)
         float dir[3], uv[2];
         double u, v;
 
-        random_direction(&random, dir);
+        kd_random_direction(&random, dir);
         dir[0] *= scale * flat;
         dir[1] *= scale * (i % 11 ? flat : 1e-9f);
         dir[2] *= scale;

@@ -436,16 +436,6 @@ static void invert_direction(const subject *s, const float dir[3], inverse *out)
     worst(&out->angle, angle_between(dir, p.dir) / (1e-6 + step_angle(&b, dir)));
 }
 
-static void random_direction(pcg32 *random, float dir[3])
-{
-    const double z = 2.0 * (double)pcg32_float(random) - 1.0;
-    const double phi = 2.0 * KD_PI * (double)pcg32_float(random), r = sqrt(1.0 - z * z);
-
-    dir[0] = (float)(r * cos(phi));
-    dir[1] = (float)(r * sin(phi));
-    dir[2] = (float)z;
-}
-
 static void check_there_again(const subject *s, const char *name, int count)
 {
     pcg32 random = pcg32_make(4, 0);
@@ -458,7 +448,7 @@ static void check_there_again(const subject *s, const char *name, int count)
         const envsamp_sample p = envsamp_kd_sample(s->r.f.kd, u0, u1);
 
         invert_direction(s, p.dir, &sampled);
-        random_direction(&random, dir);
+        kd_random_direction(&random, dir);
         if (i % 4 == 0) {               /* near a pole */
             dir[0] *= 1e-3f;
             dir[1] *= 1e-3f;
@@ -591,7 +581,7 @@ static void test_lengths(void)
         float dir[3], longer[3], u[2], w[2];
         kd_warp_block from, to;
 
-        random_direction(&random, dir);
+        kd_random_direction(&random, dir);
         envsamp_kd_invert(s.r.f.kd, dir, u);
         from = kd_warp_at(s.r.f.kd, (double)u[0], (double)u[1]);
         for (k = 0; k < 9; k++) {
