@@ -20,6 +20,7 @@ EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
 
 COMMON   := examples/common/image.c examples/common/maps.c
 DEMO     := examples/demo.c examples/common/picture.c bench/baselines.c
+EXAMPLES := $(BUILD)/quickstart $(BUILD)/placement
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard examples/common/*.h tests/*.h bench/*.h)
@@ -27,7 +28,7 @@ TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 TEST_AID := $(filter-out $(wildcard tests/test_*.c),$(wildcard tests/*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 
-.PHONY: help demo test bench fuzz figures convergence data setup clean
+.PHONY: help demo test bench scale fuzz mutants figures convergence data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -41,7 +42,7 @@ demo: $(BUILD)/demo
 	$(BUILD)/demo -o $(BUILD)/pictures
 endif
 
-test: setup $(TESTS) $(BUILD)/quickstart $(BUILD)/demo_exr  ## build and run all tests
+test: setup $(TESTS) $(EXAMPLES) $(BUILD)/demo_exr  ## build and run all tests
 	CC="$(CC)" CXX="$(CXX)" prove --timer --exec '' $(TESTS) $(SCRIPTS)
 
 # MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.
@@ -49,9 +50,16 @@ bench: $(BUILD)/bench $(BUILD)/bench_batch  ## time it against other samplers; M
 	$(BUILD)/bench $(MAP)
 	$(BUILD)/bench_batch $(MAP)
 
+scale: $(BUILD)/scale  ## large maps by row callback, and builds in steps
+	$(BUILD)/scale $(MAP)
+
 # A million tables take about half an hour.
 fuzz: $(BUILD)/fuzz_kd_table  ## open and sample damaged tables under sanitizers; TABLES=1000000
 	$(BUILD)/fuzz_kd_table $(BUILD)/fuzz.bin $(or $(TABLES),20000)
+
+# Some minutes. See tests/mutants.txt; FAULTS="1x1 alias": only those with one of these words.
+mutants:  ## put the faults that users of other samplers report back, and see tests fail
+	CC="$(CC)" perl tests/mutants.pl $(FAULTS)
 
 figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; POINTS=10000000
 	$(BUILD)/figures $(POINTS)
@@ -81,6 +89,9 @@ $(BUILD)/demo_exr: $(DEMO) $(COMMON) examples/common/exr.c $(HEADERS) | $(BUILD)
 $(BUILD)/quickstart: examples/quickstart.c $(HEADERS) | $(BUILD)
 	$(COMPILE) examples/quickstart.c -lm -o $@
 
+$(BUILD)/placement: examples/placement.c $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) examples/placement.c $(COMMON) -lm -o $@
+
 $(BUILD)/exr_to_pfm: examples/common/exr_to_pfm.c examples/common/image.c examples/common/exr.c \
                      $(HEADERS) | $(BUILD)
 	$(COMPILE) $(EXR_CFLAGS) examples/common/exr_to_pfm.c examples/common/image.c \
@@ -88,6 +99,9 @@ $(BUILD)/exr_to_pfm: examples/common/exr_to_pfm.c examples/common/image.c exampl
 
 $(BUILD)/bench: bench/bench.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/bench.c $(TIMED) $(COMMON) -lm -o $@
+
+$(BUILD)/scale: bench/scale.c bench/input.c $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/scale.c bench/input.c $(COMMON) -lm -o $@
 
 # The library with AVX2 beside a scalar baseline that is compiled as everything else is.
 $(BUILD)/baselines.o: bench/baselines.c $(HEADERS) | $(BUILD)
@@ -107,6 +121,9 @@ $(BUILD)/fuzz_kd_table: tests/test_kd_table.c $(TEST_AID) $(COMMON) examples/com
                         | $(BUILD)
 	$(COMPILE) -g -fsanitize=address,undefined -fno-sanitize-recover $(EXR_CFLAGS) $< $(TEST_AID) \
 	    $(COMMON) examples/common/exr.c $(EXR_LIBS) -lm -o $@
+
+# It counts calls of functions.
+$(BUILD)/test_work: override CFLAGS += -finstrument-functions
 
 $(BUILD)/test_%: tests/test_%.c $(TEST_AID) $(COMMON) examples/common/exr.c $(HEADERS) | $(BUILD)
 	$(COMPILE) $(EXR_CFLAGS) $< $(TEST_AID) $(COMMON) examples/common/exr.c $(EXR_LIBS) -lm -o $@

@@ -183,6 +183,7 @@ static envsamp_kd_desc kd_desc(const bench_row *row, const bench_state *bench)
 {
     envsamp_kd_desc desc = envsamp_kd_defaults();
 
+    desc.bilinear = 0;              /* as the others: radiance constant over a texel */
     desc.select = (envsamp_kd_select)row->select;
     desc.block_count = bench->input.options.block_count;
     if (row->criterion != NOT_SET)
@@ -281,6 +282,18 @@ static const bench_family kd_warp_family = {
     kd_prepare, NULL, kd_build, library_release, kd_given, kd_drawn, kd_pdf_loop, kd_invert_loop
 };
 
+static envsamp_cdf_desc cdf_desc(const bench_row *row, const bench_state *bench)
+{
+    envsamp_cdf_desc desc = envsamp_cdf_defaults();
+
+    (void)row;
+    (void)bench;
+    desc.bilinear = 0;              /* as the others */
+    return desc;
+}
+
+LIBRARY_FAMILY(cdf)
+
 /* ---- families of the baselines; they allocate as they build ---- */
 
 #define BASELINE_FAMILY(kind)                                                               \
@@ -377,7 +390,7 @@ static const bench_family pass_family = {
     { name, &family, select, criterion, NULL, NULL, { NULL, 0 }, 0, { { 0.0 } } }
 #define COUNT(rows) (sizeof (rows) / sizeof (rows)[0])
 
-enum { ONLY, WARP, WARP_LEAN, ALIAS, ALIAS_LEAN, FIT, FIT_LEAN, INVERSION };
+enum { ONLY, WARP, WARP_LEAN, ALIAS, ALIAS_LEAN, FIT, FIT_LEAN, CDF, INVERSION };
 
 #define SAMPLE_REFERENCE ALIAS
 static bench_row sample_rows[] = {
@@ -388,6 +401,7 @@ static bench_row sample_rows[] = {
     ROW("envsamp kd, alias, _n", kd_lean_family, ENVSAMP_KD_ALIAS, NOT_SET),
     ROW("envsamp kd, fit", kd_family, ENVSAMP_KD_FIT, NOT_SET),
     ROW("envsamp kd, fit, _n", kd_lean_family, ENVSAMP_KD_FIT, NOT_SET),
+    ROW("envsamp cdf", cdf_family, 0, NOT_SET),
     ROW("inversion, binary search", baseline_cdf_family, 0, NOT_SET),
     ROW("inversion, uv only", uv_only_family, 0, NOT_SET),
     ROW("alias table, texels", baseline_texel_alias_family, 0, NOT_SET),
@@ -403,10 +417,128 @@ static bench_row build_rows[] = {
     ROW("envsamp kd, alias, excess", kd_family, ENVSAMP_KD_ALIAS, ENVSAMP_KD_EXCESS),
     ROW("envsamp kd, fit", kd_family, ENVSAMP_KD_FIT, NOT_SET),
     ROW("envsamp kd, warp", kd_family, ENVSAMP_KD_WARP, NOT_SET),
+    ROW("envsamp cdf", cdf_family, 0, NOT_SET),
     ROW("inversion", baseline_cdf_family, 0, NOT_SET),
     ROW("alias table, texels", baseline_texel_alias_family, 0, NOT_SET),
     ROW("alias table, rows", baseline_row_alias_family, 0, NOT_SET)
 };
+
+/* ---- cdf: its guides beside a binary search of its own edges ---- */
+
+/* std::upper_bound over the edges: the index i with edges[i] <= draw < edges[i + 1]. */
+static uint32_t search(const uint32_t *edges, uint32_t count, uint32_t draw)
+{
+    const uint32_t *first = edges + 1;
+    uint32_t left = count;
+
+    while (left > 0) {
+        uint32_t half = left / 2;
+
+        if (draw < first[half]) {
+            left = half;
+        } else {
+            first += half + 1;
+            left -= half + 1;
+        }
+    }
+    return (uint32_t)(first - edges) - 1;
+}
+
+/* envsamp__cdf_draw but for how row and column are found. */
+static envsamp_sample searched_draw(const envsamp_cdf *cdf, float u0, float u1)
+{
+    uint32_t across = envsamp__draw(u0), down = envsamp__draw(u1);
+    const uint32_t *rows = envsamp__cdf_words(cdf, cdf->row_edges_at), *edges;
+    envsamp__texel t;
+    envsamp__point p;
+    envsamp_sample s;
+
+    t.row = search(rows, cdf->height, down);
+    edges = envsamp__cdf_edges(cdf, t.row);
+    t.column = search(edges, cdf->width, across);
+    edges += t.column;
+    t.fx = envsamp__cdf_fraction(edges, across);
+    t.fy = envsamp__cdf_fraction(rows + t.row, down);
+    t.pdf = (float)(int)(edges[1] - edges[0]) * envsamp__cdf_rows(cdf)[t.row].density;
+    p = envsamp__cdf_point(cdf, t);
+    s.pdf = t.pdf;
+    s.uv[0] = p.x;
+    s.uv[1] = envsamp__polar_fraction(p.north, p.south);
+    envsamp__point_dir(p, ENVSAMP_SQRTF(p.north * p.south), &s.dir[0], &s.dir[1], &s.dir[2]);
+    return s;
+}
+
+#define INVERSION_COUNT (1u << 22)  /* points a round: each round warms the caches by itself */
+
+#define INVERSION_LOOP(name, function, result)                                              \
+static double name(const envsamp_cdf *cdf, uint64_t seed)                                   \
+{                                                                                           \
+    pcg32 random = pcg32_make(seed, 0);                                                     \
+    double sum = 0.0;                                                                       \
+    size_t i;                                                                               \
+                                                                                            \
+    for (i = 0; i < INVERSION_COUNT; i++) {                                                 \
+        float u0 = pcg32_float(&random), u1 = pcg32_float(&random);                         \
+        envsamp_sample s = function(cdf, u0, u1);                                           \
+                                                                                            \
+        sum += (double)(result);                                                            \
+    }                                                                                       \
+    return sum;                                                                             \
+}
+
+#define UV (s.uv[0] + s.uv[1])
+#define DIR_PDF ((s.dir[0] + s.dir[1]) + (s.dir[2] + s.pdf))
+INVERSION_LOOP(searched_uv, searched_draw, UV)
+INVERSION_LOOP(guided_uv, envsamp__cdf_draw, UV)
+INVERSION_LOOP(searched_dir, searched_draw, DIR_PDF)
+INVERSION_LOOP(guided_dir, envsamp__cdf_draw, DIR_PDF)
+
+static double guided_n(const envsamp_cdf *cdf, uint64_t seed)
+{
+    float u0[BATCH_COUNT], u1[BATCH_COUNT], x[BATCH_COUNT], y[BATCH_COUNT], z[BATCH_COUNT];
+    float pdf[BATCH_COUNT];
+    pcg32 random = pcg32_make(seed, 0);
+    double sum = 0.0;
+    size_t from, i;
+
+    for (from = 0; from < INVERSION_COUNT; from += BATCH_COUNT) {
+        for (i = 0; i < BATCH_COUNT; i++) {
+            u0[i] = pcg32_float(&random);
+            u1[i] = pcg32_float(&random);
+        }
+        envsamp_cdf_sample_n(cdf, BATCH_COUNT, u0, u1, x, y, z, pdf);
+        for (i = 0; i < BATCH_COUNT; i++)
+            sum += (double)((x[i] + y[i]) + (z[i] + pdf[i]));
+    }
+    return sum;
+}
+
+enum { SEARCHED_UV, GUIDED_UV, SEARCHED_DIR, GUIDED_DIR, GUIDED_N, INVERSION_KINDS };
+static double (*const inversion_loops[INVERSION_KINDS])(const envsamp_cdf *, uint64_t) = {
+    searched_uv, guided_uv, searched_dir, guided_dir, guided_n
+};
+static double inversion_times[INVERSION_KINDS][ROUND_COUNT];     /* ns */
+
+/* What one and the other draw must be the same: their sums are. */
+static void measure_inversion(const envsamp_cdf *cdf)
+{
+    int round, i;
+
+    for (round = 0; round < ROUND_COUNT; round++) {
+        double sums[INVERSION_KINDS];
+
+        for (i = 0; i < INVERSION_KINDS; i++) {
+            double start = seconds();
+
+            sums[i] = inversion_loops[i](cdf, (uint64_t)round);
+            inversion_times[i][round] = (seconds() - start) * 1e9 / INVERSION_COUNT;
+        }
+        if (memcmp(&sums[SEARCHED_UV], &sums[GUIDED_UV], sizeof *sums)
+            || memcmp(&sums[SEARCHED_DIR], &sums[GUIDED_DIR], sizeof *sums)
+            || memcmp(&sums[SEARCHED_DIR], &sums[GUIDED_N], sizeof *sums))
+            input_fail("cdf", "guided and searched samples differ");
+    }
+}
 
 /* ---- measuring ---- */
 
@@ -623,6 +755,24 @@ static void print_promises(void)
                   alias->times[GIVEN], "<=", 2.0);
 }
 
+static void print_inversion(void)
+{
+    static const char *const names[INVERSION_KINDS] = {
+        "uv, binary search", "uv, guided", "direction, pdf: search", "direction, pdf: guided",
+        "direction, pdf: _n"
+    };
+    int i;
+
+    printf("\ncdf, its guides beside a binary search of its edges: ns a sample of %u fresh ones\n",
+           INVERSION_COUNT);
+    for (i = 0; i < INVERSION_KINDS; i++)
+        printf("%-24s %9.1f\n", names[i], median(inversion_times[i]));
+    print_promise("uv: search / guided", inversion_times[SEARCHED_UV],
+                  inversion_times[GUIDED_UV], ">=", 4.0);
+    print_promise("direction, pdf: search / _n", inversion_times[SEARCHED_DIR],
+                  inversion_times[GUIDED_N], ">=", 4.0);
+}
+
 static void print_builds(const bench_state *bench)
 {
     double texels = (double)bench->input.map.width * bench->input.map.height;
@@ -673,6 +823,8 @@ int main(int argc, char **argv)
     measure_rounds(sample_rows, COUNT(sample_rows), &bench);
     print_samples(&bench);
     print_promises();
+    measure_inversion(sample_rows[CDF].table);
+    print_inversion();
     fflush(stdout);
     release_rows(sample_rows, COUNT(sample_rows));
 

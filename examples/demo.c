@@ -12,6 +12,7 @@
 #include "common/irradiance.h"
 #include "common/map_pictures.h"
 #include "common/maps.h"
+#include "common/mis_scene.h"
 #include "common/random.h"
 #include "common/spheres.h"
 
@@ -168,6 +169,7 @@ static envsamp_kd_desc method_desc(const method *m)
 {
     envsamp_kd_desc desc = envsamp_kd_defaults();
 
+    desc.bilinear = 0;              /* as the CDF: radiance constant over a texel */
     desc.block_count = m->block_count;
     desc.select = m->select;
     desc.criterion = m->criterion;
@@ -255,7 +257,7 @@ static void print_method(const demo *d, const method *m, const table *t, double 
     if (m->select == ENVSAMP_KD_WARP)       /* its tree stands for bounds */
         printf(" %7s", "-");
     else
-        printf(" %7.1f", 8.0 * (double)t->info.block_count / 1024.0);
+        printf(" %7.1f", 16.0 * (double)t->info.block_count / 1024.0);
     printf(" %8.2f %7.1f %9.5f %8.3g", t->build_ms, ns, t->info.excess_variance,
            t->info.max_ratio);
     if (m->select == ENVSAMP_KD_FIT)
@@ -427,6 +429,87 @@ static int sphere_picture(demo *d, const tables *t)
     return ok;
 }
 
+/* ---- multiple importance sampling ---- */
+
+/* A cdf table, to be freed with free(memory->data). Returns NULL where memory is short. */
+static const envsamp_cdf *cdf_make(const demo *d, float compensation, envsamp_buffer *memory)
+{
+    envsamp_cdf_desc desc = envsamp_cdf_defaults();
+    envsamp_sizes sizes;
+    envsamp_buffer scratch;
+    const envsamp_cdf *cdf = NULL;
+
+    desc.mis_compensation = compensation;
+    envsamp_cdf_sizes(&d->view, &desc, &sizes);
+    memory->data = malloc(memory->bytes = sizes.table_bytes);
+    scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);
+    envsamp_cdf_build(&d->view, &desc, *memory, scratch, &cdf);
+    free(scratch.data);
+    return cdf;
+}
+
+/* The gain is by how much the variance falls. */
+static void print_mis_row(const char *name, const mis_panel *panels)
+{
+    const double plain = panels[MIS_PLAIN].rmse, compensated = panels[MIS_COMPENSATED].rmse;
+    const double gain = compensated > 0.0 ? plain * plain / (compensated * compensated) : 1.0;
+
+    printf("%-32s %11.4f %11.4f %11.4f %11.4f %7.2f\n", name, panels[MIS_BSDF].rmse,
+           panels[MIS_MAP].rmse, plain, compensated, gain);
+}
+
+static int mis_shade(demo *d, mis_scene *s, picture *canvas)
+{
+    envsamp_buffer memory[2] = {{NULL, 0}, {NULL, 0}};
+    const envsamp_cdf *plain = cdf_make(d, 0.0f, &memory[0]);
+    const envsamp_cdf *compensated = cdf_make(d, 1.0f, &memory[1]);
+    const int ok = plain && compensated;
+    int made = 0;
+
+    if (ok) {
+        mis_scene_shade(s, 1);
+        printf("\n%-32s %11s %11s %11s %11s %7s\n", "RMSE of a scene, 16 rays", "BSDF", "map",
+               "MIS", "compensated", "gain");
+        print_mis_row("kd, WARP", s->panels);
+        made = mis_scene_draw(s, canvas);
+        s->plain = mis_light_of_cdf(plain);
+        s->compensated = mis_light_of_cdf(compensated);
+        mis_scene_shade(s, 0);
+        print_mis_row("cdf", s->panels);
+        printf("\n");
+    }
+    free(memory[0].data);
+    free(memory[1].data);
+    return made;
+}
+
+/* The tables of this scene are made for bilinear lookups. */
+static int mis_picture(demo *d)
+{
+    envsamp_kd_desc desc = envsamp_kd_defaults();
+    mis_scene *s = calloc(1, sizeof *s);
+    table plain, compensated;
+    picture canvas = {0, 0, NULL};
+    int ok = 0;
+
+    plain.memory.data = compensated.memory.data = NULL;
+    if (!s)
+        return fail(d, "not enough memory for a picture");
+    if (table_make(&plain, d, &desc, 1)) {
+        desc.mis_compensation = 1.0f;
+        if (table_make(&compensated, d, &desc, 1)) {
+            s->view = &d->view;
+            s->plain = mis_light_of_kd(plain.kd);
+            s->compensated = mis_light_of_kd(compensated.kd);
+            ok = save(d, &canvas, mis_shade(d, s, &canvas), "mis");
+        }
+    }
+    table_free(&plain);
+    table_free(&compensated);
+    free(s);
+    return ok;
+}
+
 /* ---- one map ---- */
 
 static int tables_make(tables *t, demo *d)
@@ -434,6 +517,7 @@ static int tables_make(tables *t, demo *d)
     envsamp_kd_desc desc = envsamp_kd_defaults();
 
     t->warp.memory.data = t->alias.memory.data = t->fit.memory.data = NULL;
+    desc.bilinear = 0;              /* as irradiance and spheres take the map */
     if (!table_make(&t->warp, d, &desc, 1))
         return 0;
     desc.select = ENVSAMP_KD_ALIAS;
@@ -448,7 +532,7 @@ static int make_pictures(demo *d)
 {
     tables t;
     const int ok = tables_make(&t, d) && irradiance_errors(d, &t) && sphere_picture(d, &t)
-                   && map_pictures(d, &t);
+                   && mis_picture(d) && map_pictures(d, &t);
 
     table_free(&t.warp);
     table_free(&t.alias);

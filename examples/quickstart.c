@@ -13,7 +13,7 @@
 static const float pi = 3.14159265f;
 static float sky[WIDTH * HEIGHT]; /* luminance; row 0 at the zenith, +z */
 
-static double make_sky(void) /* returns its irradiance: texel by texel, in closed form */
+static double make_sky(void) /* returns its irradiance, as a sum over texels */
 {
     double step = (double)pi / HEIGHT, sum = 0.0;
 
@@ -46,14 +46,14 @@ int main(void)
         envsamp_sample s = envsamp_kd_sample(kd, u0, u1); /* a direction that the sky chose */
         float cosine = s.dir[2] > 0.0f ? s.dir[2] : 0.0f, dir[3], light[3];
 
-        envsamp_lookup(&image, 0, s.dir, light);
+        envsamp_lookup(&image, 1, s.dir, light); /* bilinear, for which tables are made */
         sum += (double)(light[0] * cosine / s.pdf);
         mis += (double)(light[0] * cosine / s.pdf * envsamp_mis_power(s.pdf, cosine / pi));
         envsamp_uv_to_dir(ENVSAMP_LATLONG, u0, acosf(sqrtf(u1)) / pi, dir); /* the surface's */
-        envsamp_lookup(&image, 0, dir, light);
+        envsamp_lookup(&image, 1, dir, light);
         mis += (double)(light[0] * pi * envsamp_mis_power(dir[2] / pi, envsamp_kd_pdf(kd, dir)));
     }
-    printf("%s: irradiance %.4f, with MIS %.4f, exact %.4f\n", envsamp_result_string(result),
+    printf("%s: irradiance %.4f, with MIS %.4f, of texels %.4f\n", envsamp_result_string(result),
            sum / SAMPLE_COUNT, mis / SAMPLE_COUNT, exact);
     free(table.data);
     return result != ENVSAMP_OK;

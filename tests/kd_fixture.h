@@ -68,6 +68,7 @@ typedef struct kd_fixture {
     envsamp_kd_info info;
 } kd_fixture;
 
+/* For maps that are constant over a texel, which all references here take them for. */
 static inline envsamp_kd_desc kd_desc(int blocks, envsamp_kd_select select)
 {
     envsamp_kd_desc desc = envsamp_kd_defaults();
@@ -160,29 +161,6 @@ typedef struct kd_rect {
     double u0, v0, u1, v1;
     double solid_angle, probability;
 } kd_rect;
-
-/* Block of ALIAS and FIT, of whole texels, with its solid angle by kd_solid_angle. */
-static inline kd_rect kd_rect_of(const kd_fixture *f, int index)
-{
-    const double width = (double)f->image.width, height = (double)f->image.height;
-    envsamp_kd_block block;
-    kd_rect rect;
-
-    memset(&block, 0, sizeof block);
-    envsamp_kd_get_block(f->kd, index, &block);
-    rect.x0 = floor((double)block.uv_min[0] * width + 0.5);
-    rect.y0 = floor((double)block.uv_min[1] * height + 0.5);
-    rect.x1 = floor((double)block.uv_max[0] * width + 0.5);
-    rect.y1 = floor((double)block.uv_max[1] * height + 0.5);
-    rect.u0 = rect.x0 / width;
-    rect.v0 = rect.y0 / height;
-    rect.u1 = rect.x1 / width;
-    rect.v1 = rect.y1 / height;
-    rect.solid_angle = kd_solid_angle(f->image.width, f->image.height, (int)rect.x0,
-                                      (int)rect.y0, (int)rect.x1, (int)rect.y1);
-    rect.probability = (double)block.probability;
-    return rect;
-}
 
 /* ---- blocks of WARP, read from the table ---- */
 
@@ -342,19 +320,46 @@ static inline double kd_cap_between(float y0, float y1)
     return (1.0 - near0) + (1.0 - near1);
 }
 
-static inline kd_rect kd_warp_rect(const kd_fixture *f, const kd_warp_block *b)
+/* Where a block lies by its stored edges: what samples of it really fill. */
+static inline kd_rect kd_edges_rect(const kd_fixture *f, const float edge[4], double probability)
 {
     kd_rect rect;
 
-    rect.u0 = (double)b->edge[0];
-    rect.u1 = (double)b->edge[1];
-    rect.x0 = kd_edge_x(b->edge[0], f->image.width);
-    rect.x1 = kd_edge_x(b->edge[1], f->image.width);
-    rect.y0 = kd_edge_y(b->edge[2], f->image.height, &rect.v0);
-    rect.y1 = kd_edge_y(b->edge[3], f->image.height, &rect.v1);
-    rect.solid_angle = 2.0 * KD_PI * (rect.u1 - rect.u0) * kd_cap_between(b->edge[2], b->edge[3]);
-    rect.probability = ldexp((b->high[0] - b->low[0]) * (b->high[1] - b->low[1]), -48);
+    rect.u0 = (double)edge[0];
+    rect.u1 = (double)edge[1];
+    rect.x0 = kd_edge_x(edge[0], f->image.width);
+    rect.x1 = kd_edge_x(edge[1], f->image.width);
+    rect.y0 = kd_edge_y(edge[2], f->image.height, &rect.v0);
+    rect.y1 = kd_edge_y(edge[3], f->image.height, &rect.v1);
+    rect.solid_angle = 2.0 * KD_PI * (rect.u1 - rect.u0) * kd_cap_between(edge[2], edge[3]);
+    rect.probability = probability;
     return rect;
+}
+
+static inline kd_rect kd_warp_rect(const kd_fixture *f, const kd_warp_block *b)
+{
+    return kd_edges_rect(f, b->edge,
+                         ldexp((b->high[0] - b->low[0]) * (b->high[1] - b->low[1]), -48));
+}
+
+/* Block of ALIAS and FIT. */
+static inline kd_rect kd_listed_rect(const kd_fixture *f, int index)
+{
+    envsamp_kd_block block;
+    float edge[4];
+
+    memset(&block, 0, sizeof block);
+    envsamp_kd_get_block(f->kd, index, &block);
+    memcpy(edge, (const char *)f->kd + f->kd->edges_at + sizeof edge * (size_t)index,
+           sizeof edge);
+    return kd_edges_rect(f, edge, (double)block.probability);
+}
+
+/* Whether a block has the stored edges of whole texels. */
+static inline int kd_rect_whole(const kd_rect *r)
+{
+    return !(r->x0 > floor(r->x0) || r->x1 > floor(r->x1) || r->y0 > floor(r->y0)
+             || r->y1 > floor(r->y1));
 }
 
 /* ---- all blocks, and the parts of texels that they hold ---- */
@@ -364,6 +369,7 @@ typedef struct kd_piece { int block; double share; } kd_piece;
 /* Texel t has the pieces first[t] to first[t + 1] - 1. */
 typedef struct kd_cover {
     int width, height, count;
+    int whole;                  /* blocks must be of whole texels: ALIAS and FIT, not bilinear */
     kd_rect *rects;             /* in the order of the table */
     int *first;
     kd_piece *pieces;
@@ -377,7 +383,7 @@ static inline kd_rect *kd_rects(const kd_fixture *f)
     int i;
 
     for (i = 0; f->desc.select != ENVSAMP_KD_WARP && i < count; i++)
-        rects[i] = kd_rect_of(f, i);
+        rects[i] = kd_listed_rect(f, i);
     if (f->desc.select == ENVSAMP_KD_WARP) {
         blocks = (kd_warp_block *)kd_allocate((size_t)count * sizeof *blocks);
         kd_warp_blocks(f->kd, blocks, count);
@@ -429,6 +435,7 @@ static inline kd_cover kd_cover_make(const kd_fixture *f)
     c.width = f->image.width;
     c.height = f->image.height;
     c.count = f->info.block_count;
+    c.whole = f->desc.select != ENVSAMP_KD_WARP && !f->desc.bilinear;
     c.rects = kd_rects(f);
     c.first = (int *)kd_allocate(((size_t)texels + 2) * sizeof *c.first);
     for (i = 0; i < c.count; i++)
@@ -450,13 +457,15 @@ static inline void kd_cover_free(kd_cover *c)
     free(c->pieces);
 }
 
-/* Texels that blocks do not hold exactly once, and blocks outside of the map. */
+/* Texels that blocks do not hold exactly once, and blocks outside of the map, or of parts of texels
+   where they must not be. */
 static inline int kd_cover_faults(const kd_cover *c)
 {
     int i, k, faults = 0;
 
     for (i = 0; i < c->count; i++)
-        faults += !kd_rect_inside(&c->rects[i], c->width, c->height);
+        faults += !kd_rect_inside(&c->rects[i], c->width, c->height)
+               || (c->whole && !kd_rect_whole(&c->rects[i]));
     for (i = 0; i < c->width * c->height; i++) {
         double whole = 0.0;
 

@@ -79,7 +79,7 @@ static void build(const envsamp_image *map, const envsamp_kd_desc *desc)
                                              (float)(i * 40503u % 65536u) / 65536.0f);
         float pdf = envsamp_kd_pdf(kd, s.dir);
 
-        envsamp_dir_to_uv(ENVSAMP_LATLONG, s.dir, uv);
+        envsamp_dir_to_uv(map->mapping, s.dir, uv);
         add(&s, sizeof s);
         add(&pdf, sizeof pdf);
         add(uv, sizeof uv);
@@ -92,6 +92,67 @@ static void build(const envsamp_image *map, const envsamp_kd_desc *desc)
     add_blocks(kd);
     free(table.data);
     free(scratch.data);
+}
+
+static void build_cdf(const envsamp_image *map, const envsamp_cdf_desc *desc)
+{
+    static float u0[1000], u1[1000], x[1000], y[1000], z[1000], pdf[1000];
+    envsamp_sizes sizes;
+    envsamp_buffer table, scratch;
+    envsamp_cdf_info info;
+    const envsamp_cdf *cdf;
+    float u[2];
+    int i;
+
+    if (envsamp_cdf_sizes(map, desc, &sizes))
+        exit(1);
+    table.data = malloc(table.bytes = sizes.table_bytes);
+    scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);
+    if (envsamp_cdf_build(map, desc, table, scratch, &cdf))
+        exit(1);
+    add(cdf, envsamp_cdf_bytes(cdf));
+    envsamp_cdf_get_info(cdf, &info);
+    add(&info.integral, sizeof info.integral);
+    add(&info.excess_variance, sizeof info.excess_variance);
+    for (i = 0; i < 1000; i++) {
+        envsamp_sample s;
+
+        u0[i] = (float)(i * 2654435761u >> 8) / 16777216.0f;
+        u1[i] = (float)(i * 40503u % 65536u) / 65536.0f;
+        s = envsamp_cdf_sample(cdf, u0[i], u1[i]);
+        add(&s, sizeof s);
+        pdf[0] = envsamp_cdf_pdf(cdf, s.dir);
+        add(pdf, sizeof pdf[0]);
+        envsamp_cdf_invert(cdf, s.dir, u);
+        add(u, sizeof u);
+    }
+    envsamp_cdf_sample_n(cdf, 1000, u0, u1, x, y, z, pdf);
+    add(x, sizeof x);
+    add(y, sizeof y);
+    add(z, sizeof z);
+    add(pdf, sizeof pdf);
+    envsamp_cdf_pdf_n(cdf, 1000, x, y, z, pdf);
+    add(pdf, sizeof pdf);
+    free(table.data);
+    free(scratch.data);
+}
+
+/* Every mapping, bilinear or not, with and without compensation. */
+static void build_mappings(envsamp_image map, envsamp_kd_desc desc)
+{
+    envsamp_cdf_desc cdf = envsamp_cdf_defaults();
+    int i, select;
+
+    for (i = 0; i < 12; i++) {
+        map.mapping = (envsamp_mapping)(i / 4);
+        cdf.bilinear = desc.bilinear = i % 2;
+        cdf.mis_compensation = desc.mis_compensation = i % 4 / 2 ? 0.5f : 0.0f;
+        for (select = ENVSAMP_KD_WARP; select <= ENVSAMP_KD_FIT; select++) {
+            desc.select = (envsamp_kd_select)select;
+            build(&map, &desc);
+        }
+        build_cdf(&map, &cdf);
+    }
 }
 
 int main(void)
@@ -107,6 +168,8 @@ int main(void)
         pixels[i] = (float)(state >> 8) / 16777216.0f + (i == 1234 ? 1e5f : 0.0f);
     }
     desc.block_count = 500;
+    build_mappings(map, desc);
+    desc.bilinear = 0;
     for (select = ENVSAMP_KD_WARP; select <= ENVSAMP_KD_FIT; select++)
         for (criterion = 0; criterion <= ENVSAMP_KD_EXCESS; criterion++)
             for (model = 0; model <= ENVSAMP_KD_POWER; model++) {

@@ -28,7 +28,8 @@ typedef struct subject {
     envsamp_cdf_info info;
 } subject;
 
-/* Builds from s->view. Whether there is a table; s->result says why not. */
+/* Builds from s->view, by s->desc, which is all zeros for a map of constant texels. Whether there
+   is a table; s->result says why not. */
 static int subject_build(subject *s)
 {
     s->result = envsamp_cdf_sizes(&s->view, &s->desc, &s->sizes);
@@ -342,6 +343,7 @@ static void test_inverse(const char *name, int width, int height)
         const uint32_t *edge = envsamp__cdf_edges(s.cdf, t.row) + t.column;
         const uint32_t *row = envsamp__cdf_words(s.cdf, s.cdf->row_edges_at) + t.row;
         const envsamp__cdf_row *r = envsamp__cdf_rows(s.cdf) + t.row;
+        const float y0 = envsamp__cdf_row_edge(r), y1 = envsamp__cdf_row_edge(r + 1);
         double stretch[2];
         float u[2];
 
@@ -354,10 +356,8 @@ static void test_inverse(const char *name, int width, int height)
         exact += u[0] == u0 && u[1] == u1;
         stretch[0] = (double)(edge[1] - edge[0]) / UNIT * width;
         stretch[1] = (double)(row[1] - row[0]) / UNIT
-                   / (0.5 * envsamp__cap_between((double)ENVSAMP_FABSF(r[0].edge),
-                                                 envsamp__sign(r[0].edge),
-                                                 (double)ENVSAMP_FABSF(r[1].edge),
-                                                 envsamp__sign(r[1].edge)));
+                   / (0.5 * envsamp__cap_between((double)ENVSAMP_FABSF(y0), envsamp__sign(y0),
+                                                 (double)ENVSAMP_FABSF(y1), envsamp__sign(y1)));
         worst(&off[0], fabs((double)u[0] - (double)u0) * UNIT / (1.0 + 4.0 * stretch[0]));
         worst(&off[1], fabs((double)u[1] - (double)u1) * UNIT / (1.0 + 4.0 * stretch[1]));
         worst(&control, fabs((double)u[0] - (double)u1) * UNIT / (1.0 + 4.0 * stretch[0]));
@@ -412,6 +412,34 @@ static void test_batches(void)
     CHECK(!differ, "and 0 for what is no direction");
     envsamp_cdf_sample_n(s.cdf, 0, NULL, NULL, NULL, NULL, NULL, NULL);
     envsamp_cdf_pdf_n(s.cdf, 0, NULL, NULL, NULL, NULL);
+    subject_free(&s);
+}
+
+/* Batches read ahead: where the table is larger than caches, too, they are scalar calls. */
+static void test_large_batches(void)
+{
+    enum { COUNT = 1000, ROUNDS = 10000 };
+    static float u[2][COUNT], x[COUNT], y[COUNT], z[COUNT], pdf[COUNT];
+    pcg32 random = pcg32_make(4, 4);
+    long differ = 0;
+    int round, i;
+    subject s;
+
+    subject_make(&s, "night", 2048, 1024);
+    for (round = 0; round < ROUNDS; round++) {
+        for (i = 0; i < COUNT; i++) {
+            u[0][i] = pcg32_float(&random);
+            u[1][i] = pcg32_float(&random);
+        }
+        envsamp_cdf_sample_n(s.cdf, COUNT, u[0], u[1], x, y, z, pdf);
+        for (i = 0; i < COUNT; i++) {
+            const envsamp_sample p = envsamp_cdf_sample(s.cdf, u[0][i], u[1][i]);
+
+            differ += !kd_bits_equal(&p.dir[0], &x[i], 4) || !kd_bits_equal(&p.dir[1], &y[i], 4)
+                   || !kd_bits_equal(&p.dir[2], &z[i], 4) || !kd_bits_equal(&p.pdf, &pdf[i], 4);
+        }
+    }
+    CHECK(differ == 0, "%ld of 10^7 samples of batches differ from scalar calls", differ);
     subject_free(&s);
 }
 
@@ -560,6 +588,10 @@ static void test_arguments(void)
     envsamp_sizes sizes;
     envsamp_image view;
     envsamp_buffer less;
+    const int mappings[] = { ENVSAMP_LATLONG, ENVSAMP_HEMISPHERE, ENVSAMP_OCTAHEDRAL, 3, -1 };
+    const float compensations[] = { 0.0f, 0.5f, 1.0f, 1.0000001f, -1e-30f, -1.0f, NAN, INFINITY,
+                                    -INFINITY };
+    int i, wrong = 0;
     subject s;
 
     subject_of(&s, pixels, 2, 2, 1);
@@ -584,30 +616,62 @@ static void test_arguments(void)
     CHECK(envsamp_cdf_sizes(&view, NULL, &sizes) == (sizeof(size_t) > 4 ? ENVSAMP_OK
           : ENVSAMP_ERR_SIZE), "65535x65535 wants %.1f GB", 1e-9 * (double)sizes.table_bytes);
     view = s.view;
-    view.mapping = ENVSAMP_HEMISPHERE;
-    CHECK(envsamp_cdf_sizes(&view, NULL, &sizes) == ENVSAMP_ERR_PARAM, "mapping");
-    s.desc.bilinear = 1;
-    CHECK(envsamp_cdf_sizes(&s.view, &s.desc, &sizes) == ENVSAMP_ERR_PARAM, "bilinear");
-    s.desc.bilinear = 0;
-    s.desc.mis_compensation = NAN;
-    CHECK(envsamp_cdf_sizes(&s.view, &s.desc, &sizes) == ENVSAMP_ERR_PARAM, "compensation");
+    for (i = 0; i < 5; i++) {
+        view.mapping = (envsamp_mapping)mappings[i];
+        wrong += envsamp_cdf_sizes(&view, NULL, &sizes)
+              != (i < 3 ? ENVSAMP_OK : ENVSAMP_ERR_PARAM) || (sizes.table_bytes > 0) != (i < 3);
+    }
+    CHECK(!wrong, "mappings that are none are refused, the three not: %d wrong", wrong);
+    for (i = 0; i < 9; i++) {
+        s.desc.mis_compensation = compensations[i];
+        wrong += envsamp_cdf_sizes(&s.view, &s.desc, &sizes)
+              != (i < 3 ? ENVSAMP_OK : ENVSAMP_ERR_PARAM);
+    }
+    CHECK(!wrong, "so is compensation out of [0, 1]: %d wrong", wrong);
+    s.desc.mis_compensation = 0.0f;
     less.bytes--;
-    CHECK(envsamp_cdf_build(&s.view, NULL, less, s.scratch.buffer, &cdf) == ENVSAMP_ERR_MEMORY
+    CHECK(envsamp_cdf_build(&s.view, &s.desc, less, s.scratch.buffer, &cdf) == ENVSAMP_ERR_MEMORY
           && !cdf, "a byte of table less");
     less = s.scratch.buffer;
     less.bytes--;
-    CHECK(envsamp_cdf_build(&s.view, NULL, s.table.buffer, less, &cdf) == ENVSAMP_ERR_MEMORY,
+    CHECK(envsamp_cdf_build(&s.view, &s.desc, s.table.buffer, less, &cdf) == ENVSAMP_ERR_MEMORY,
           "a byte of scratch less");
     less.data = (char *)s.scratch.buffer.data + 4;
     less.bytes++;
-    CHECK(envsamp_cdf_build(&s.view, NULL, s.table.buffer, less, &cdf) == ENVSAMP_ERR_ALIGN
-          && envsamp_cdf_open(less.data, 144, &cdf) == ENVSAMP_ERR_ALIGN, "not aligned");
+    CHECK(envsamp_cdf_build(&s.view, &s.desc, s.table.buffer, less, &cdf) == ENVSAMP_ERR_ALIGN
+          && envsamp_cdf_open(less.data, sizeof *cdf, &cdf) == ENVSAMP_ERR_ALIGN, "not aligned");
+    subject_free(&s);
+}
+
+/* No description is the defaults: bilinear, no compensation, not strict. */
+static void test_defaults(void)
+{
+    const envsamp_cdf_desc defaults = envsamp_cdf_defaults();
+    const envsamp_cdf *cdf = NULL;
+    envsamp_sizes sizes;
+    kd_guarded table;
+    subject s;
+
+    CHECK(defaults.bilinear == 1 && !(defaults.mis_compensation > 0.0f) && !defaults.strict,
+          "the defaults are bilinear");
+    memset(&s, 0, sizeof s);
+    map_make("night", 37, 19, &s.map);
+    s.view = kd_image(s.map.rgb, 37, 19, 3);
+    s.desc = defaults;
+    subject_build(&s);
+    table = kd_guarded_make(s.sizes.table_bytes, 0x42);
+    CHECK(s.cdf && s.info.bilinear == 1 && sane(&s)
+          && envsamp_cdf_sizes(&s.view, NULL, &sizes) == ENVSAMP_OK
+          && !memcmp(&sizes, &s.sizes, sizeof sizes)
+          && envsamp_cdf_build(&s.view, NULL, table.buffer, s.scratch.buffer, &cdf) == ENVSAMP_OK
+          && !memcmp(cdf, s.cdf, sizes.table_bytes), "NULL gives the table of the defaults");
+    free(table.block);
     subject_free(&s);
 }
 
 /* ---- the table as bytes ---- */
 
-static void test_bytes(void)
+static void test_bytes(envsamp_mapping mapping, int bilinear, int width, int height)
 {
     subject s, t;
     const envsamp_cdf *cdf;
@@ -616,15 +680,21 @@ static void test_bytes(void)
     int opened = 0, unsafe = 0, caught = 0;
     uint32_t sum;
 
-    subject_make(&s, "night", 37, 19);
+    memset(&s, 0, sizeof s);
+    map_make("night", width, height, &s.map);
+    s.view = kd_image(s.map.rgb, width, height, 3);
+    s.view.mapping = mapping;
+    s.desc.bilinear = bilinear;
+    subject_build(&s);
     memset(&t, 0, sizeof t);
     t.view = s.view;
     t.table = kd_guarded_make(s.sizes.table_bytes, 0x99);
     t.scratch = kd_guarded_make(s.sizes.scratch_bytes, 0x11);
-    envsamp_cdf_build(&t.view, NULL, t.table.buffer, t.scratch.buffer, &t.cdf);
+    envsamp_cdf_build(&t.view, &s.desc, t.table.buffer, t.scratch.buffer, &t.cdf);
     bytes = envsamp_cdf_bytes(s.cdf);
     CHECK(bytes == s.sizes.table_bytes && t.cdf && !memcmp(s.cdf, t.cdf, bytes),
-          "%lu bytes, the same whatever was in the buffers", (unsigned long)bytes);
+          "mapping %d, bilinear %d: %lu bytes, the same whatever was in the buffers", (int)mapping,
+          bilinear, (unsigned long)bytes);
     copy = kd_guarded_make(bytes + 32, 0x77);
     memcpy(copy.buffer.data, s.cdf, bytes);
     CHECK(envsamp_cdf_open(copy.buffer.data, bytes, &cdf) == ENVSAMP_OK
@@ -651,6 +721,34 @@ static void test_bytes(void)
           (int)(3 * bytes));
     free(copy.block);
     subject_free(&t);
+    subject_free(&s);
+}
+
+/* Of a row's two heights the larger follows from the other, and may not differ by a bit. */
+static void test_row_sides(void)
+{
+    const envsamp_cdf *again;
+    envsamp_cdf *cdf;
+    envsamp__cdf_row *rows;
+    int opened = 0, control, y;
+    subject s;
+
+    subject_make(&s, "night", 37, 19);
+    cdf = (envsamp_cdf *)s.table.buffer.data;
+    rows = (envsamp__cdf_row *)(void *)((char *)cdf + cdf->rows_at);
+    for (y = 0; y <= 19; y++) {
+        float *far = rows[y].north > rows[y].south ? &rows[y].north : &rows[y].south;
+        const float kept = *far;
+
+        *far = envsamp__bits_float(envsamp__float_bits(kept) ^ 1u);
+        cdf->checksum = envsamp__cdf_checksum(cdf);
+        opened += envsamp_cdf_open(cdf, s.sizes.table_bytes, &again) == ENVSAMP_OK;
+        *far = kept;
+    }
+    cdf->checksum = envsamp__cdf_checksum(cdf);
+    control = envsamp_cdf_open(cdf, s.sizes.table_bytes, &again) == ENVSAMP_OK;
+    CHECK(opened == 0 && control, "rows whose heights do not agree: %d of 20 open; control: the "
+          "whole table does", opened);
     subject_free(&s);
 }
 
@@ -697,10 +795,17 @@ int main(void)
     test_inverse("sky", 256, 128);
     test_inverse("foliage", 5, 3);
     test_batches();
+    test_large_batches();
     test_shapes();
     test_pixels();
     test_arguments();
-    test_bytes();
+    test_defaults();
+    test_bytes(ENVSAMP_LATLONG, 0, 37, 19);
+    test_bytes(ENVSAMP_LATLONG, 1, 37, 19);
+    test_bytes(ENVSAMP_HEMISPHERE, 1, 16, 13);
+    test_bytes(ENVSAMP_OCTAHEDRAL, 0, 16, 16);
+    test_bytes(ENVSAMP_OCTAHEDRAL, 1, 17, 17);
+    test_row_sides();
     test_layouts();
     return check_done();
 }

@@ -1,8 +1,12 @@
-/* test_common.c: the images, random numbers and made-up maps that examples and tests share.
+/* test_common.c: mappings and lookup, and the images, random numbers and made-up maps that examples
+ * and tests share.
  *
  *     test_common [PREFIX]       scratch files are PREFIX.*, by default build/test_common.*
  */
 #include "check.h"
+
+#define ENVSAMP_IMPLEMENTATION
+#include "../envsamp.h"
 
 #include "../examples/common/image.h"
 #include "../examples/common/maps.h"
@@ -976,6 +980,528 @@ static void test_maps(void)
     test_map_looks();
 }
 
+/* ---- mappings ---- */
+
+static const double pi = 3.14159265358979323846;
+
+/* What [Clarberg 2008] says, as it stands there. */
+static void octahedral_dir(double u, double v, double dir[3])
+{
+    const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0, side = 1.0 - (fabs(a) + fabs(b));
+    const double r = 1.0 - fabs(side);
+    const double phi = (r == 0.0 ? 1.0 : (fabs(b) - fabs(a)) / r + 1.0) * pi / 4.0;
+
+    dir[0] = copysign(cos(phi), a) * r * sqrt(2.0 - r * r);
+    dir[1] = copysign(sin(phi), b) * r * sqrt(2.0 - r * r);
+    dir[2] = copysign(1.0 - r * r, side);
+}
+
+static void octahedral_point(const float dir[3], double uv[2])
+{
+    const double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2];
+    const double flat = hypot(x, y), length = hypot(flat, z);
+    const double r = flat / sqrt(length * (length + fabs(z)));
+    const double q = r * atan2(fabs(y), fabs(x)) * 2.0 / pi, p = r - q;
+
+    uv[0] = 0.5 + copysign(0.5, x) * (z < 0.0 ? 1.0 - q : p);
+    uv[1] = 0.5 + copysign(0.5, y) * (z < 0.0 ? 1.0 - p : q);
+}
+
+/* How far apart two points of the square are, the shortest way, across edges and corners too. */
+static double octahedral_distance(double u, double v, double to_u, double to_v)
+{
+    double least = fmax(fabs(u - to_u), fabs(v - to_v));
+    int i;
+
+    for (i = 0; i < 2; i++) {
+        const double far = 2.0 * i;
+        least = fmin(least, fmax(fabs(far - u - to_u), fabs(1.0 - v - to_v)));
+        least = fmin(least, fmax(fabs(1.0 - u - to_u), fabs(far - v - to_v)));
+        least = fmin(least, fmax(fabs(u + far - 1.0 - to_u), fabs(v - 1.0 - to_v)));
+        least = fmin(least, fmax(fabs(u + far - 1.0 - to_u), fabs(v + 1.0 - to_v)));
+    }
+    return least;
+}
+
+/* Poles, axes, edges, borders of octants, and the floats next to them: u and v of point i. */
+enum { NUMBERS = 21, SPECIAL_POINTS = NUMBERS * NUMBERS, POINTS = 400000 };
+
+static void square_point(int i, pcg32 *random, float uv[2])
+{
+    static const float numbers[7] = {0.0f, 1e-30f, 0.25f, 0.5f, 0.75f, 0.625f, 1.0f};
+    const int special[2] = {i % NUMBERS, i / NUMBERS % NUMBERS};
+    int c;
+
+    for (c = 0; c < 2; c++) {
+        const float number = numbers[special[c] / 3];
+        const float next = nextafterf(number, special[c] % 3 == 1 ? 0.0f : 1.0f);
+        const float step = 1e-6f * (pcg32_float(random) - 0.5f);
+
+        uv[c] = special[c] % 3 ? next : number;
+        if (i >= SPECIAL_POINTS)
+            uv[c] = i % 3 ? pcg32_float(random) : fminf(fmaxf(number + step, 0.0f), 1.0f);
+    }
+    if (i >= SPECIAL_POINTS && i % 5 == 0) /* near the edges of the octahedron: |a| + |b| = 1 */
+        uv[1] = fabsf(0.5f - uv[0] + (i % 2 ? 1e-7f * (uv[1] - 0.5f) : 0.0f));
+    if (i % 5 == 0 && i % 4 > 1)
+        uv[1] = 1.0f - uv[1];
+}
+
+typedef struct mapping_errors {
+    double dir, length, fast_dir, fast_length, uv, fast_uv, round_trip;
+    int outside;
+} mapping_errors;
+
+/* A NaN is the worst of all, and stays. */
+static void worst(double *most, double error)
+{
+    if (!isnan(*most) && !(error <= *most))
+        *most = error;
+}
+
+static void compare_dir(const float dir[3], const double expected[3], double *error, double *length)
+{
+    const double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2];
+
+    worst(error, fabs(x - expected[0]));
+    worst(error, fabs(y - expected[1]));
+    worst(error, fabs(z - expected[2]));
+    worst(length, fabs(sqrt(x * x + y * y + z * z) - 1.0));
+}
+
+static void compare_uv(const float dir[3], const float uv[2], double *error, mapping_errors *errors)
+{
+    double expected[2];
+
+    octahedral_point(dir, expected);
+    worst(error, octahedral_distance((double)uv[0], (double)uv[1], expected[0], expected[1]));
+    errors->outside += !(uv[0] >= 0.0f && uv[0] <= 1.0f && uv[1] >= 0.0f && uv[1] <= 1.0f);
+}
+
+/* From a point and back, and both ways by the functions for sampling. */
+static void add_point(const float uv[2], float scale, mapping_errors *errors)
+{
+    double expected[3];
+    float dir[3], fast[3], back[2];
+    int c;
+
+    octahedral_dir((double)uv[0], (double)uv[1], expected);
+    envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, uv[0], uv[1], dir);
+    compare_dir(dir, expected, &errors->dir, &errors->length);
+    envsamp__octahedral_dir(uv[0], uv[1], &fast[0], &fast[1], &fast[2]);
+    compare_dir(fast, expected, &errors->fast_dir, &errors->fast_length);
+    for (c = 0; c < 3; c++)
+        dir[c] *= scale;
+    envsamp_dir_to_uv(ENVSAMP_OCTAHEDRAL, dir, back);
+    compare_uv(dir, back, &errors->uv, errors);
+    worst(&errors->round_trip, octahedral_distance((double)back[0], (double)back[1],
+                                                   (double)uv[0], (double)uv[1]));
+    envsamp__octahedral_uv(dir[0], dir[1], dir[2], hypotf(dir[0], dir[1]), &back[0], &back[1]);
+    compare_uv(dir, back, &errors->fast_uv, errors);
+}
+
+static void test_octahedral_points(void)
+{
+    static const float scales[5] = {1.0f, 1e-15f, 1e18f, 3.0f, 1e-4f};
+    pcg32 random = pcg32_make(11, 0);
+    mapping_errors most;
+    float uv[2];
+    int i;
+
+    memset(&most, 0, sizeof most);
+    for (i = 0; i < POINTS; i++) {
+        square_point(i, &random, uv);
+        add_point(uv, scales[i % 5], &most);
+    }
+    CHECK(most.dir <= 2e-7, "octahedral: directions are within 2e-7: %.1e", most.dir);
+    CHECK(most.length <= 2e-7, "and 1 long within 2e-7: %.1e", most.length);
+    CHECK(most.fast_dir <= 5e-7, "for sampling within 5e-7: %.1e", most.fast_dir);
+    CHECK(most.fast_length <= 5e-7, "and 1 long within 5e-7: %.1e", most.fast_length);
+    CHECK(most.uv <= 3e-7, "points are within 3e-7: %.1e", most.uv);
+    CHECK(most.fast_uv <= 2e-7, "for sampling within 2e-7: %.1e", most.fast_uv);
+    CHECK(most.round_trip <= 3e-7, "there and back is %.1e off", most.round_trip);
+    CHECK(!most.outside, "all in the square, but for %d", most.outside);
+}
+
+/* Directions that are special in the other way round: components that are 0, tiny or equal. */
+static void test_octahedral_directions(void)
+{
+    static const float parts[9] = {0.0f, -0.0f, 1.0f, -1.0f, 1e-4f, -1e-4f, 1e-12f, 0.9999999f,
+                                   -1.0000001f};
+    static const float scales[3] = {1.0f, 1e-15f, 1e18f};
+    mapping_errors most;
+    double back_and_there = 0.0, length = 0.0;
+    int i;
+
+    memset(&most, 0, sizeof most);
+    for (i = 0; i < 3 * 729; i++) {
+        const float scale = scales[i % 3];
+        const float dir[3] = {scale * parts[i / 3 % 9], scale * parts[i / 27 % 9],
+                              scale * parts[i / 243]};
+        const double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2];
+        const double size = sqrt(x * x + y * y + z * z);
+        double unit[3];
+        float uv[2], again[3];
+
+        if (size < 0.9e-15)
+            continue;
+        envsamp_dir_to_uv(ENVSAMP_OCTAHEDRAL, dir, uv);
+        compare_uv(dir, uv, &most.uv, &most);
+        unit[0] = x / size;
+        unit[1] = y / size;
+        unit[2] = z / size;
+        envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, uv[0], uv[1], again);
+        compare_dir(again, unit, &back_and_there, &length);
+    }
+    CHECK(most.uv <= 3e-7 && !most.outside, "octahedral: special directions: %.1e", most.uv);
+    CHECK(back_and_there <= 1e-6, "and back again: %.1e", back_and_there);
+}
+
+static int dir_is(envsamp_mapping mapping, float u, float v, double x, double y, double z)
+{
+    const double expected[3] = {x, y, z};
+    double error = 0.0, length = 0.0;
+    float dir[3];
+
+    envsamp_uv_to_dir(mapping, u, v, dir);
+    compare_dir(dir, expected, &error, &length);
+    return error <= 2e-7;
+}
+
+static void test_octahedral_layout(void)
+{
+    const envsamp_mapping square = ENVSAMP_OCTAHEDRAL;
+    const double half = sqrt(0.5);
+
+    CHECK(dir_is(square, 0.5f, 0.5f, 0, 0, 1), "octahedral: the centre is +z");
+    CHECK(dir_is(square, 0, 0, 0, 0, -1) && dir_is(square, 1, 0, 0, 0, -1) &&
+          dir_is(square, 0, 1, 0, 0, -1) && dir_is(square, 1, 1, 0, 0, -1), "the corners are -z");
+    CHECK(dir_is(square, 1, 0.5f, 1, 0, 0) && dir_is(square, 0, 0.5f, -1, 0, 0) &&
+          dir_is(square, 0.5f, 1, 0, 1, 0) && dir_is(square, 0.5f, 0, 0, -1, 0),
+          "u goes along +x and v along +y");
+    CHECK(dir_is(square, 0.75f, 0.75f, half, half, 0) &&
+          dir_is(square, 0.25f, 0.75f, -half, half, 0), "halfway to the corners is the horizon");
+    CHECK(dir_is(square, -3, 0.5f, -1, 0, 0) && dir_is(square, 7, 0.5f, 1, 0, 0) &&
+          dir_is(square, 0.5f, -3, 0, -1, 0) && dir_is(square, 0.5f, 7, 0, 1, 0) &&
+          dir_is(square, INFINITY, -INFINITY, 0, 0, -1), "u and v are clamped");
+    CHECK(dir_is(square, NAN, 0.5f, -1, 0, 0) && dir_is(square, 0.5f, NAN, 0, -1, 0),
+          "NaN counts as 0");
+}
+
+/* Any float gives a point of the map. */
+static void test_odd_directions(void)
+{
+    static const float parts[9] = {0.0f, -0.0f, 1.0f, -1e-40f, 1e-30f, -3e38f, NAN, INFINITY,
+                                   -INFINITY};
+    int mapping, i, outside = 0, moved = 0;
+
+    for (mapping = 0; mapping < 3; mapping++)
+        for (i = 0; i < 729; i++) {
+            const float dir[3] = {parts[i % 9], parts[i / 9 % 9], parts[i / 81]};
+            const float most = mapping == ENVSAMP_HEMISPHERE ? 2.0f : 1.0f;
+            const float centre = mapping == ENVSAMP_OCTAHEDRAL ? 0.5f : 0.0f;
+            float uv[2];
+
+            envsamp_dir_to_uv((envsamp_mapping)mapping, dir, uv);
+            outside += !(uv[0] >= 0.0f && uv[0] <= 1.0f && uv[1] >= 0.0f && uv[1] <= most);
+            if (i == 0 || (i == 1 + 9 + 81 && mapping == ENVSAMP_OCTAHEDRAL))
+                moved += !(uv[0] == centre && uv[1] == centre);
+        }
+    CHECK(!outside, "any floats give a point of the map, but for %d", outside);
+    CHECK(!moved, "the zero vector gives that of +z");
+}
+
+/* Solid angle of a triangle of unit vectors, with its sign. */
+static double triangle_sr(const double a[3], const double b[3], const double c[3])
+{
+    const double volume = a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) +
+                          a[2] * (b[0] * c[1] - b[1] * c[0]);
+    const double ab = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    const double bc = b[0] * c[0] + b[1] * c[1] + b[2] * c[2];
+    const double ca = c[0] * a[0] + c[1] * a[1] + c[2] * a[2];
+
+    return 2.0 * atan2(volume, 1.0 + ab + bc + ca);
+}
+
+/* Solid angle of [u0, u1] x [v0, v1], by triangles. */
+static double cell_sr(double u0, double v0, double u1, double v1)
+{
+    enum { STEPS = 128 };
+    static double corners[STEPS + 1][STEPS + 1][3];
+    const double step_u = (u1 - u0) / (double)STEPS, step_v = (v1 - v0) / (double)STEPS;
+    double sum = 0.0;
+    int x, y, c;
+
+    for (y = 0; y <= STEPS; y++)
+        for (x = 0; x <= STEPS; x++) {
+            const float u = (float)(u0 + step_u * x), v = (float)(v0 + step_v * y);
+            float dir[3];
+
+            envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, u, v, dir);
+            for (c = 0; c < 3; c++)
+                corners[y][x][c] = (double)dir[c];
+        }
+    for (y = 0; y < STEPS; y++)
+        for (x = 0; x < STEPS; x++)
+            sum += triangle_sr(corners[y][x], corners[y][x + 1], corners[y + 1][x + 1]) +
+                   triangle_sr(corners[y][x], corners[y + 1][x + 1], corners[y + 1][x]);
+    return sum;
+}
+
+static void test_equal_area(void)
+{
+    pcg32 random = pcg32_make(12, 0);
+    double most = 0.0, whole = cell_sr(0.0, 0.0, 1.0, 1.0);
+    int i;
+
+    for (i = 0; i < 40; i++) {
+        const double u = 0.9 * (double)pcg32_float(&random), v = 0.9 * (double)pcg32_float(&random);
+        const double wide = 0.05 + (0.95 - u) * (double)pcg32_float(&random);
+        const double high = 0.05 + (0.95 - v) * (double)pcg32_float(&random);
+
+        worst(&most, fabs(cell_sr(u, v, u + wide, v + high) / (4.0 * pi * wide * high) - 1.0));
+    }
+    CHECK(fabs(whole - 4.0 * pi) < 1e-5, "octahedral: the square is 4 pi but for %.1e",
+          whole - 4.0 * pi);
+    CHECK(most < 3e-4, "a cell's solid angle is its share of 4 pi, within %.1e", most);
+}
+
+static void test_hemisphere(void)
+{
+    const float down[3] = {0.0f, 0.0f, -3.0f}, low[3] = {0.3f, -0.2f, -1e-3f};
+    pcg32 random = pcg32_make(13, 0);
+    double error = 0.0;
+    float uv[2], dir[3], back[2];
+    int i, below = 0;
+
+    for (i = 0; i < 20000; i++) {
+        uv[0] = pcg32_float(&random);
+        uv[1] = 1e-3f + 0.999f * pcg32_float(&random);
+        envsamp_uv_to_dir(ENVSAMP_HEMISPHERE, uv[0], uv[1], dir);
+        envsamp_dir_to_uv(ENVSAMP_HEMISPHERE, dir, back);
+        below += dir[2] < 0.0f;
+        worst(&error, fabs((double)back[1] - (double)uv[1]));
+        worst(&error, fabs(remainder((double)back[0] - (double)uv[0], 1.0)) *
+                      sin(0.5 * pi * (double)uv[1]));
+    }
+    CHECK(error <= 5e-7 && !below, "hemisphere: there and back is %.1e off", error);
+    envsamp_dir_to_uv(ENVSAMP_HEMISPHERE, down, back);
+    envsamp_dir_to_uv(ENVSAMP_HEMISPHERE, low, uv);
+    CHECK(back[1] == 2.0f && uv[1] > 1.0f && uv[1] < 1.01f, "v is above 1 below the horizon");
+}
+
+/* ---- lookup ---- */
+
+enum { MOST_TEXELS = 64 };
+static float texels[MOST_TEXELS];
+
+static envsamp_image random_map(envsamp_mapping mapping, int width, int height, uint32_t seed)
+{
+    pcg32 random = pcg32_make(seed, 3);
+    envsamp_image map;
+    int i;
+
+    for (i = 0; i < MOST_TEXELS; i++)
+        texels[i] = pcg32_float(&random);
+    memset(&map, 0, sizeof map);
+    map.pixels = texels;
+    map.width = width;
+    map.height = height;
+    map.channels = 1;
+    map.mapping = mapping;
+    return map;
+}
+
+static double look(const envsamp_image *map, int bilinear, double u, double v)
+{
+    float dir[3], rgb[3];
+
+    envsamp_uv_to_dir(map->mapping, (float)u, (float)v, dir);
+    envsamp_lookup(map, bilinear, dir, rgb);
+    return (double)rgb[0];
+}
+
+static int wraps(envsamp_mapping mapping, int width, int height, int x, int y, int to_x, int to_y)
+{
+    envsamp__wrap_texel(mapping, width, height, &x, &y);
+    return x == to_x && y == to_y;
+}
+
+static void test_wrap(void)
+{
+    const envsamp_mapping whole = ENVSAMP_LATLONG, half = ENVSAMP_HEMISPHERE;
+    const envsamp_mapping square = ENVSAMP_OCTAHEDRAL;
+    int mapping, x, y, moved = 0;
+
+    CHECK(wraps(square, 3, 4, -1, 1, 0, 2) && wraps(square, 3, 4, -1, 0, 0, 3) &&
+          wraps(square, 3, 4, 3, 0, 2, 3) && wraps(square, 3, 4, 3, 2, 2, 1), "beyond a side");
+    CHECK(wraps(square, 3, 4, 0, -1, 2, 0) && wraps(square, 3, 4, 1, -1, 1, 0) &&
+          wraps(square, 3, 4, 0, 4, 2, 3) && wraps(square, 3, 4, 2, 4, 0, 3),
+          "beyond top and bottom");
+    CHECK(wraps(square, 3, 4, -1, -1, 2, 3) && wraps(square, 3, 4, 3, -1, 0, 3) &&
+          wraps(square, 3, 4, -1, 4, 2, 0) && wraps(square, 3, 4, 3, 4, 0, 0), "beyond a corner");
+    CHECK(wraps(whole, 4, 2, -1, 0, 3, 0) && wraps(whole, 4, 2, 4, 1, 0, 1), "beyond the seam");
+    CHECK(wraps(whole, 4, 2, 0, -1, 2, 0) && wraps(whole, 4, 2, 3, 2, 1, 1) &&
+          wraps(whole, 4, 2, -1, -1, 1, 0) && wraps(whole, 4, 2, 4, 2, 2, 1), "over a pole");
+    CHECK(wraps(half, 4, 2, 0, -1, 2, 0) && wraps(half, 4, 2, -1, -1, 1, 0) &&
+          wraps(half, 4, 2, 0, 2, 0, 1) && wraps(half, 4, 2, -1, 2, 3, 1) &&
+          wraps(half, 4, 2, 4, 1, 0, 1), "hemisphere: half a turn at the zenith alone");
+    for (mapping = 0; mapping < 3; mapping++) {
+        for (y = 0; y < 4; y++)
+            for (x = 0; x < 3; x++)
+                moved += !wraps((envsamp_mapping)mapping, 3, 4, x, y, x, y);
+        for (y = -1; y <= 1; y++)
+            for (x = -1; x <= 1; x++)
+                moved += !wraps((envsamp_mapping)mapping, 1, 1, x, y, 0, 0);
+    }
+    CHECK(!moved, "inside nothing moves, and 1 x 1 has one texel, but for %d", moved);
+}
+
+/* Points all over each texel, and its middle. */
+static void check_texels(envsamp_mapping mapping, int width, int height)
+{
+    const envsamp_image map = random_map(mapping, width, height, 21);
+    pcg32 random = pcg32_make(22, 0);
+    int i, nearest = 0, middles = 0;
+
+    for (i = 0; i < 20 * width * height; i++) {
+        const int x = i % width, y = i / width % height;
+        const double u = 0.01 + 0.98 * (double)pcg32_float(&random);
+        const double v = 0.01 + 0.98 * (double)pcg32_float(&random);
+        const double texel = (double)texels[y * width + x];
+
+        nearest += look(&map, 0, (x + u) / width, (y + v) / height) != texel;
+        middles += fabs(look(&map, 1, (x + 0.5) / width, (y + 0.5) / height) - texel) > 1e-5;
+    }
+    CHECK(!nearest && !middles, "mapping %d, %d x %d: the texel that holds a point: %d, %d wrong",
+          (int)mapping, width, height, nearest, middles);
+}
+
+/* The step between two points that lie next to each other on the sphere. */
+enum border { LEFT, RIGHT, TOP, BOTTOM, SEAM, NORTH, SOUTH };
+
+static double step_across(const envsamp_image *map, enum border border, double along)
+{
+    const double low = 1e-6, high = 1.0 - 1e-6;
+    const double end = border == RIGHT || border == BOTTOM || border == SOUTH ? high : low;
+
+    if (border == LEFT || border == RIGHT)
+        return look(map, 1, end, along) - look(map, 1, end, 1.0 - along);
+    if (border == TOP || border == BOTTOM)
+        return look(map, 1, along, end) - look(map, 1, 1.0 - along, end);
+    if (border == SEAM)
+        return look(map, 1, low, along) - look(map, 1, high, along);
+    return look(map, 1, along, end) - look(map, 1, along + 0.5, end);
+}
+
+static void check_border(envsamp_mapping mapping, int width, int height, enum border border)
+{
+    const envsamp_image map = random_map(mapping, width, height, 23);
+    double most = 0.0;
+    int i;
+
+    for (i = 0; i <= 200; i++)
+        worst(&most, fabs(step_across(&map, border, i / 200.0)));
+    CHECK(most < 1e-4, "mapping %d, %d x %d: bilinear is continuous over border %d: %.1e",
+          (int)mapping, width, height, (int)border, most);
+}
+
+/* Whether bilinear is the mean of the four texels in the corners, where -z is. */
+static void check_corners(int width, int height)
+{
+    const envsamp_image map = random_map(ENVSAMP_OCTAHEDRAL, width, height, 24);
+    const float *last = texels + (height - 1) * width;
+    const double mean = 0.25 * ((double)texels[0] + (double)texels[width - 1] + (double)last[0] +
+                                (double)last[width - 1]);
+    double most = 0.0;
+    int i;
+
+    for (i = 0; i < 4; i++)
+        worst(&most, fabs(look(&map, 1, i & 1, i >> 1) - mean));
+    CHECK(most < 1e-6, "octahedral, %d x %d: corners are the mean of four texels: %.1e", width,
+          height, most);
+}
+
+/* Points on the last edges belong to the last texels, as a sampler has it. */
+static void check_last_texels(envsamp_mapping mapping)
+{
+    const envsamp_image map = random_map(mapping, 4, 6, 28);
+    int i, wrong = 0;
+
+    for (i = 0; i < 6 && mapping == ENVSAMP_OCTAHEDRAL; i++)
+        wrong += look(&map, 0, 1.0, (i + 0.5) / 6.0) != (double)texels[4 * i + 3];
+    for (i = 0; i < 4 && mapping != ENVSAMP_LATLONG; i++)
+        wrong += look(&map, 0, (i + 0.5) / 4.0, 1.0) != (double)texels[20 + i];
+    wrong += mapping == ENVSAMP_LATLONG && look(&map, 0, 0.0, 1.0) != (double)texels[20];
+    CHECK(!wrong, "mapping %d: the last edges, %d wrong", (int)mapping, wrong);
+}
+
+static void test_lookup(void)
+{
+    static const int sizes[7][2] = {{1, 1}, {1, 5}, {5, 1}, {4, 3}, {3, 4}, {8, 8}, {7, 7}};
+    int mapping, i, border;
+
+    for (mapping = 0; mapping < 3; mapping++)
+        check_last_texels((envsamp_mapping)mapping);
+    for (i = 0; i < 7; i++) {
+        const int width = sizes[i][0], height = sizes[i][1];
+        for (mapping = 0; mapping < 3; mapping++)
+            check_texels((envsamp_mapping)mapping, width, height);
+        for (border = LEFT; border <= BOTTOM; border++)
+            check_border(ENVSAMP_OCTAHEDRAL, width, height, (enum border)border);
+        check_corners(width, height);
+        check_border(ENVSAMP_LATLONG, width, height, SEAM);
+        check_border(ENVSAMP_HEMISPHERE, width, height, SEAM);
+        if (width % 2) /* which is not half a turn */
+            continue;
+        check_border(ENVSAMP_LATLONG, width, height, NORTH);
+        check_border(ENVSAMP_LATLONG, width, height, SOUTH);
+        check_border(ENVSAMP_HEMISPHERE, width, height, NORTH);
+    }
+}
+
+static void test_horizon(void)
+{
+    const envsamp_image map = random_map(ENVSAMP_HEMISPHERE, 6, 4, 25);
+    const float below[3] = {0.6f, 0.8f, -1e-7f}, on[3] = {0.6f, 0.8f, -0.0f};
+    const float down[3] = {0.0f, 0.0f, -1.0f};
+    float rgb[3] = {9.0f, 9.0f, 9.0f};
+    double most = 0.0;
+    int bilinear, i, lit = 0;
+
+    for (bilinear = 0; bilinear < 2; bilinear++) {
+        envsamp_lookup(&map, bilinear, below, rgb);
+        lit += rgb[0] != 0.0f || rgb[1] != 0.0f || rgb[2] != 0.0f;
+        envsamp_lookup(&map, bilinear, down, rgb);
+        lit += rgb[0] != 0.0f;
+        envsamp_lookup(&map, bilinear, on, rgb);
+        lit += !(rgb[0] > 0.0f);
+    }
+    CHECK(!lit, "hemisphere: black below the horizon, not on it");
+    for (i = 0; i < 100; i++)
+        worst(&most, fabs(look(&map, 1, i / 100.0, 1.0) - look(&map, 1, i / 100.0, 0.875)));
+    CHECK(most < 1e-5, "its last row goes on to the horizon: %.1e", most);
+}
+
+/* Weights that are negative by a rounding would show beside so bright a texel. */
+static void test_bright_texel(void)
+{
+    envsamp_image map = random_map(ENVSAMP_OCTAHEDRAL, 8, 8, 26);
+    pcg32 random = pcg32_make(27, 0);
+    int i, negative = 0;
+
+    for (i = 0; i < MOST_TEXELS; i++)
+        texels[i] = i % 3 ? 0.0f : 1e30f;
+    for (i = 0; i < 100000; i++) {
+        const float number = ((float)(int)(8.0f * pcg32_float(&random)) + 0.5f) / 8.0f;
+        const float near = nextafterf(number, i % 2 ? 0.0f : 1.0f);
+
+        negative += look(&map, 1, (double)near, (double)pcg32_float(&random)) < 0.0;
+        negative += look(&map, 1, (double)pcg32_float(&random), (double)near) < 0.0;
+    }
+    CHECK(!negative, "bilinear is never negative, but for %d", negative);
+}
+
 int main(int argument_count, char **arguments)
 {
     if (argument_count > 1)
@@ -994,5 +1520,15 @@ int main(int argument_count, char **arguments)
     test_sobol_boxes();
     test_sobol_seeds();
     test_maps();
+    test_octahedral_points();
+    test_octahedral_directions();
+    test_octahedral_layout();
+    test_odd_directions();
+    test_equal_area();
+    test_hemisphere();
+    test_wrap();
+    test_lookup();
+    test_horizon();
+    test_bright_texel();
     return check_done();
 }

@@ -323,7 +323,7 @@ END
 check "enumerators and structures have their values" $cc -std=c99 -Wall -Werror -I"$root" \
     -c "$work/values.c" -o "$work/a.o"
 
-# ---- the README's program ----
+# ---- the README's program, and the example of placement ----
 
 first_block()
 {
@@ -343,14 +343,24 @@ quickstart_runs()
         "$work/quickstart"
 }
 
+# It exits with 1 where an estimate is off.
+placement_runs()
+{
+    $cc -std=c99 -O2 $strict_c "$root/examples/placement.c" "$root/examples/common/image.c" \
+        "$root/examples/common/maps.c" -lm -o "$work/placement" && "$work/placement"
+}
+
 check "examples/quickstart.c is there" test -f "$root/examples/quickstart.c"
 check "quickstart compiles and runs as C" quickstart_runs
 if have "${cxx%% *}"; then
     check "quickstart compiles as C++" $cxx -x c++ -std=c++11 $strict \
         -c "$root/examples/quickstart.c" -o "$work/a.o"
+    check "placement compiles as C++" $cxx -x c++ -std=c++11 $strict \
+        -c "$root/examples/placement.c" -o "$work/a.o"
 else
     skip "no $cxx"
 fi
+check "placement compiles and runs as C" placement_runs
 check "the README's first block of C is that file" readme_equals
 
 echo "1..$count"

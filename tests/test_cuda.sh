@@ -16,9 +16,17 @@ __global__ void draw(const envsamp_kd *kd, const float *u, envsamp_sample *s, fl
     *s = envsamp_kd_sample(kd, u[0], u[1]);
     *pdf = envsamp_kd_pdf(kd, s->dir);
     envsamp_kd_invert(kd, s->dir, back);
-    envsamp_dir_to_uv(ENVSAMP_LATLONG, s->dir, back + 2);
-    envsamp_uv_to_dir(ENVSAMP_LATLONG, back[2], back[3], back + 4);
+    envsamp_dir_to_uv(ENVSAMP_OCTAHEDRAL, s->dir, back + 2);
+    envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, back[2], back[3], back + 4);
     back[7] = envsamp_mis_power(*pdf, envsamp_luminance(back + 4));
+}
+
+__global__ void invert(const envsamp_cdf *cdf, const float *u, envsamp_sample *s, float *pdf,
+                       float *back)
+{
+    *s = envsamp_cdf_sample(cdf, u[0], u[1]);
+    *pdf = envsamp_cdf_pdf(cdf, s->dir);
+    envsamp_cdf_invert(cdf, s->dir, back);
 }
 END
 # The control: a function of the host alone, which a kernel must not call.

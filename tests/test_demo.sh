@@ -52,6 +52,8 @@ pfm 32 16 '\077' >"$tmp/grey.pfm"
 "$demo" -o "$tmp/out" "$tmp/grey.pfm" >"$tmp/stdout" 2>"$tmp/stderr"
 report $? "a small map is drawn"
 pictures=$(find "$tmp/out" -name '*.png' 2>/dev/null | wc -l)
-[ "$pictures" = 3 ]
-report $? "as 3 pictures ($pictures)"
+[ "$pictures" = 4 ]
+report $? "as 4 pictures ($pictures)"
+[ "$(grep -cE '^(kd, WARP|cdf) +([0-9.]+ +){4}[0-9.]+$' "$tmp/stdout")" = 2 ]
+report $? "with the gain of MIS compensation"
 echo "1..$count"

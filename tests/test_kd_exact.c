@@ -84,12 +84,31 @@ static int grid_accepts(const grid *g, double u, double v, float pdf)
     return 0;
 }
 
+/* Whether a pdf is that of a block that touches a pole. */
+static int pole_accepts(const grid *g, int south, float pdf)
+{
+    int i;
+
+    for (i = 0; i < g->f.info.block_count; i++) {
+        const kd_rect *r = &g->rects[i];
+        const double own = r->probability / r->solid_angle;
+
+        if ((south ? 1.0 - r->v1 : r->v0) <= EDGE && fabs((double)pdf - own) <= 4e-7 * own)
+            return 1;
+    }
+    return 0;
+}
+
+/* A pole has every azimuth, and which of them the signs of its zeros mean is the library's. */
 static int grid_accepts_direction(const grid *g, const float dir[3])
 {
+    const float pdf = envsamp_kd_pdf(g->f.kd, dir);
     double u, v;
 
     kd_point(dir, &u, &v);
-    return grid_accepts(g, u, v, envsamp_kd_pdf(g->f.kd, dir));
+    if (!(fabsf(dir[0]) + fabsf(dir[1]) > 0.0f))
+        return pole_accepts(g, dir[2] < 0.0f, pdf);
+    return grid_accepts(g, u, v, pdf);
 }
 
 /* ---- the audit of a table: the worst of each property over many tables ---- */

@@ -394,7 +394,8 @@ static void test_few_blocks(void)
     image_free(&map);
 }
 
-/* Blocks of almost the same mass want a flat model, alpha far above their number. */
+/* Blocks of almost the same mass want a flat model, alpha far above their number. They differ by
+   as much as floats of the pyramid tell for certain: a map of less contrast may count as flat. */
 static void test_equal_blocks(void)
 {
     const envsamp_kd_desc desc = fit_desc(64, ENVSAMP_KD_LOG, ENVSAMP_KD_L1);
@@ -405,7 +406,7 @@ static void test_equal_blocks(void)
     int i;
 
     for (i = 0; i < 64; i++)
-        share[i] = i % 2 ? 1.0 : 1.0001;
+        share[i] = i % 2 ? 1.0 : 1.002;
     test_columns("equal blocks", share, 64, 64, 1e-7);
     memset(&a, 0, sizeof a);
     column_map(&map, share, 64);

@@ -1,6 +1,6 @@
 /* test_kd_layout.c: another reader of stored tables, which knows the byte offsets that the header's
- * section KD TABLE tells and none of its structs, against the library: samples and densities of
- * WARP and ALIAS, in double.
+ * section KD TABLE tells and none of its structs, against the library: samples of WARP and ALIAS
+ * and densities of all, in double, for every mapping.
  */
 #include "check.h"
 
@@ -11,16 +11,19 @@
 #include "../examples/common/maps.h"
 #include "../examples/common/random.h"
 
-#define POINTS 100000
 
 /* ---- the reader: bytes alone ---- */
 
 /* Offsets of the header's fields, in bytes. */
-enum { AT_MAGIC = 0, AT_VERSION = 4, AT_BYTES = 8, AT_SELECT = 16, AT_WIDTH = 32, AT_HEIGHT = 36,
-       AT_BLOCK_COUNT = 40, AT_ALIAS_SHIFT = 48, AT_GRID_BITS_X = 52, AT_GRID_BITS_Y = 56,
-       AT_TILE_BITS_X = 60, AT_TILE_BITS_Y = 64, AT_TILES = 92, AT_WARP = 96, AT_ROWS = 100,
-       AT_BOUNDS = 104, AT_PDF = 108, AT_ALIAS = 112, AT_ROOTS = 116, AT_NODES = 120,
-       AT_GRID = 124, AT_INTEGRAL = 128, AT_EXCESS = 136, AT_MAX_RATIO = 144 };
+enum { AT_MAGIC = 0, AT_VERSION = 4, AT_BYTES = 8, AT_SELECT = 16, AT_MAPPING = 28, AT_WIDTH = 32,
+       AT_HEIGHT = 36, AT_BLOCK_COUNT = 40, AT_ALIAS_SHIFT = 48, AT_GRID_BITS_X = 52,
+       AT_GRID_BITS_Y = 56, AT_TILE_BITS_X = 60, AT_TILE_BITS_Y = 64, AT_BILINEAR = 76,
+       AT_TILES = 92, AT_WARP = 96, AT_EDGES = 100, AT_PDF = 104, AT_ALIAS = 108, AT_ROOTS = 112,
+       AT_NODES = 116, AT_GRID = 120, AT_POLAR_END = 124, AT_INTEGRAL = 128, AT_EXCESS = 136,
+       AT_MAX_RATIO = 144, AT_BAD_PIXELS = 184, AT_COMPENSATION = 192, AFTER_HEADER = 200 };
+
+enum { WARP = 0, ALIAS = 1, FIT = 2 };
+enum { LATLONG = 0, HEMISPHERE = 1, OCTAHEDRAL = 2 };
 
 #define TOP_BIT 0x80000000u
 
@@ -59,13 +62,38 @@ static double real_double(const unsigned char *table, size_t at)
 typedef struct place { double dir[3], pdf; } place;
 
 /* Azimuth in turns, 1 - cos theta, 1 + cos theta. */
-static void direct(double turns, double north, double south, double dir[3])
+static void direct_polar(double turns, double north, double south, double dir[3])
 {
     const double sine = sqrt(north * south);
 
     dir[0] = cos(2.0 * KD_PI * turns) * sine;
     dir[1] = sin(2.0 * KD_PI * turns) * sine;
     dir[2] = 0.5 * (south - north);
+}
+
+/* Of the octahedral square, by concentric squares: each is a circle of latitude, and its sides are
+   the quadrants. */
+static void direct_octahedral(double u, double v, double dir[3])
+{
+    const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0, depth = 1.0 - fabs(a) - fabs(b);
+    const double r = 1.0 - fabs(depth), ring = r * sqrt(2.0 - r * r);
+    const double phi = r > 0.0 ? 0.25 * KD_PI * ((fabs(b) - fabs(a)) / r + 1.0) : 0.0;
+
+    dir[0] = copysign(cos(phi) * ring, a);
+    dir[1] = copysign(sin(phi) * ring, b);
+    dir[2] = copysign(1.0 - r * r, depth);
+}
+
+/* And back: u, v. */
+static void square_of(const float dir[3], double uv[2])
+{
+    const double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2];
+    const double length = sqrt(x * x + y * y + z * z), up = fabs(z) / length;
+    const double r = sqrt((x * x + y * y) / (length * length) / (1.0 + up));
+    const double turn = 2.0 / KD_PI * atan2(fabs(y), fabs(x)), b = r * turn, a = r - b;
+
+    uv[0] = 0.5 + 0.5 * copysign(z < 0.0 ? 1.0 - b : a, x);
+    uv[1] = 0.5 + 0.5 * copysign(z < 0.0 ? 1.0 - a : b, y);
 }
 
 /* 1 - cos theta and 1 + cos theta of an edge. */
@@ -82,6 +110,19 @@ static double edge_south(uint32_t bits)
 static double between(double from, double to, double f)
 {
     return from + f * (to - from);
+}
+
+/* The direction at fractions of the way from edge to edge: x0, x1, y0, y1. */
+static void direct(const unsigned char *t, const uint32_t edge[4], double fx, double fy,
+                   double dir[3])
+{
+    const double x = between(real(edge[0]), real(edge[1]), fx);
+
+    if (word(t, AT_MAPPING) == OCTAHEDRAL)
+        direct_octahedral(x, between(real(edge[2]), real(edge[3]), fy), dir);
+    else
+        direct_polar(x, between(edge_north(edge[2]), edge_north(edge[3]), fy),
+                     between(edge_south(edge[2]), edge_south(edge[3]), fy), dir);
 }
 
 static place read_warp(const unsigned char *t, double u0, double u1)
@@ -108,9 +149,7 @@ static place read_warp(const unsigned char *t, double u0, double u1)
     for (k = 0; k < 2; k++)
         part[k] = (f[k] - low[k]) / (high[k] - low[k]);
     p.pdf = real(link);
-    direct(between(real(edge[0]), real(edge[1]), part[0]),
-           between(edge_north(edge[2]), edge_north(edge[3]), part[1]),
-           between(edge_south(edge[2]), edge_south(edge[3]), part[1]), p.dir);
+    direct(t, edge, part[0], part[1], p.dir);
     return p;
 }
 
@@ -125,27 +164,40 @@ static place read_alias(const unsigned char *t, double u0, double u1)
     const double lower = u1 * 4096.0 + 0.5 - floor(u1 * 4096.0 + 0.5);
     const double fx = ((double)(at < own ? at : at - own) + lower)
                     / (double)(at < own ? own : (1u << shift) - own);
-    const uint32_t x = entry(t, AT_BOUNDS, block, 8, 0), y = entry(t, AT_BOUNDS, block, 8, 1);
-    const uint32_t top = entry(t, AT_ROWS, y & 0xffff, 4, 0);
-    const uint32_t end = entry(t, AT_ROWS, y >> 16, 4, 0);
+    uint32_t edge[4];
     place p;
+    int k;
 
+    for (k = 0; k < 4; k++)
+        edge[k] = entry(t, AT_EDGES, block, 16, (size_t)k);
     p.pdf = real(entry(t, AT_PDF, block, 4, 0));
-    direct(between((double)(x & 0xffff), (double)(x >> 16), fx) / (double)word(t, AT_WIDTH),
-           between(edge_north(top), edge_north(end), u1),
-           between(edge_south(top), edge_south(end), u1), p.dir);
+    direct(t, edge, fx, u1, p.dir);
     return p;
 }
 
-/* Azimuth, 0 to 4, and polar, 0 to 2, as nodes and grid have them. */
-static void unroll(const float dir[3], double *azimuth, double *polar)
+/* Azimuth, 0 to 4, and polar, 0 to 2, as nodes and grid have them; of an octahedral map 4 u and
+   2 v. */
+static void unroll(uint32_t mapping, const float dir[3], double at[2])
 {
     const double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2];
     const double r = sqrt(x * x + y * y), q = r > 0.0 ? fabs(y) / (fabs(x) + fabs(y)) : 0.0;
     const double upper = x < 0.0 ? 2.0 - q : q, s = r / (r + fabs(z));
 
-    *azimuth = y < 0.0 ? 4.0 - upper : upper;
-    *polar = z < 0.0 ? 2.0 - s : s;
+    at[0] = y < 0.0 ? 4.0 - upper : upper;
+    at[1] = z < 0.0 ? 2.0 - s : s;
+    if (mapping == OCTAHEDRAL) {
+        square_of(dir, at);
+        at[0] *= 4.0;
+        at[1] *= 2.0;
+    }
+}
+
+/* How near a place is to where the map ends: there a direction may round across. */
+static double to_border(uint32_t mapping, const double at[2])
+{
+    if (mapping == OCTAHEDRAL)
+        return fmin(fmin(at[0], 4.0 - at[0]), fmin(at[1], 2.0 - at[1]));
+    return mapping == HEMISPHERE ? fabs(at[1] - 1.0) : 1.0;
 }
 
 static uint32_t cell(double at, double range, uint32_t bits)
@@ -158,14 +210,17 @@ static uint32_t cell(double at, double range, uint32_t bits)
 /* The density in a direction; *slack tells how near the nearest cut was, in its coordinate. */
 static double read_pdf(const unsigned char *t, const float dir[3], double *slack)
 {
+    const double polar_end = real(word(t, AT_POLAR_END));
     double at[2];
     uint32_t link, x, y;
 
-    unroll(dir, &at[0], &at[1]);
+    unroll(word(t, AT_MAPPING), dir, at);
+    *slack = to_border(word(t, AT_MAPPING), at);
+    if (at[1] > polar_end)
+        return 0.0;
     x = cell(at[0], 4.0, word(t, AT_GRID_BITS_X));
-    y = cell(at[1], 2.0, word(t, AT_GRID_BITS_Y));
+    y = cell(at[1], polar_end, word(t, AT_GRID_BITS_Y));
     link = entry(t, AT_GRID, (y << word(t, AT_GRID_BITS_X)) + x, 4, 0);
-    *slack = 1.0;
     while (link & TOP_BIT) {
         const uint32_t cut = entry(t, AT_NODES, link ^ TOP_BIT, 12, 0);
         const double from = at[cut >> 31] - fabs(real(cut));
@@ -178,17 +233,17 @@ static double read_pdf(const unsigned char *t, const float dir[3], double *slack
 
 /* ---- against the library ---- */
 
-/* dir: over 1e-6, or, about the poles, over what rounding 1 - cos theta means there. */
-typedef struct differences { double dir, pdf; long densities, near; } differences;
+/* dir: over 1e-6, or, about the poles of azimuth, over what rounding 1 - cos theta means there. */
+typedef struct differences { double dir, pdf; long densities, near, dark; } differences;
 
 static void compare_sample(const envsamp_kd *kd, const unsigned char *table, float u0, float u1,
                            differences *d)
 {
-    const int warp = word(table, AT_SELECT) == 0;
     const envsamp_sample s = envsamp_kd_sample(kd, u0, u1);
-    const place p = warp ? read_warp(table, (double)u0, (double)u1)
-                         : read_alias(table, (double)u0, (double)u1);
-    const double sine = sqrt(p.dir[0] * p.dir[0] + p.dir[1] * p.dir[1]);
+    const place p = word(table, AT_SELECT) == WARP ? read_warp(table, (double)u0, (double)u1)
+                                                   : read_alias(table, (double)u0, (double)u1);
+    const double sine = word(table, AT_MAPPING) == OCTAHEDRAL ? 1.0
+                      : sqrt(p.dir[0] * p.dir[0] + p.dir[1] * p.dir[1]);
     int c;
 
     for (c = 0; c < 3; c++)
@@ -197,38 +252,46 @@ static void compare_sample(const envsamp_kd *kd, const unsigned char *table, flo
     d->pdf = fmax(d->pdf, fabs((double)s.pdf - p.pdf));
 }
 
+/* A coordinate is good to 1e-6, of the octahedral square 4 times the 3e-7 of its points. */
 static void compare_pdf(const envsamp_kd *kd, const unsigned char *table, const float dir[3],
                         differences *d)
 {
     double slack;
     const double pdf = read_pdf(table, dir, &slack), got = (double)envsamp_kd_pdf(kd, dir);
 
+    d->dark += !(pdf > 0.0);
     if (pdf < got || pdf > got) {
         d->near++;
-        d->densities += slack > 1e-6;
+        d->densities += slack > (word(table, AT_MAPPING) == OCTAHEDRAL ? 1.2e-6 : 1e-6);
     }
 }
 
-static void compare(const kd_fixture *f, const unsigned char *table, const char *what)
+static void compare(const kd_fixture *f, const unsigned char *table, int points,
+                    const char *what)
 {
-    differences d = { 0.0, 0.0, 0, 0 };
+    differences d = { 0.0, 0.0, 0, 0, 0 };
     pcg32 random = pcg32_make(91, 0);
     int i;
 
-    for (i = 0; i < POINTS; i++) {
+    for (i = 0; i < points; i++) {
         const float u0 = pcg32_float(&random), u1 = pcg32_float(&random);
         const envsamp_sample s = envsamp_kd_sample(f->kd, u0, u1);
         const float dir[3] = { u0 - 0.5f, u1 - 0.5f, pcg32_float(&random) - 0.5f };
 
-        compare_sample(f->kd, table, u0, u1, &d);
+        if (word(table, AT_SELECT) != FIT)
+            compare_sample(f->kd, table, u0, u1, &d);
         compare_pdf(f->kd, table, s.dir, &d);
         compare_pdf(f->kd, table, dir, &d);
     }
-    CHECK(d.dir <= 1.0, "%s: samples are where the bytes say, %.2f of what may be", what, d.dir);
-    CHECK(d.pdf <= 0.0, "%s: with their densities, but for %.1e", what, d.pdf);
-    CHECK(!d.densities && d.near * 2000 < 2 * POINTS,
+    if (word(table, AT_SELECT) != FIT) {
+        CHECK(d.dir <= 1.0, "%s: samples are where the bytes say, %.2f of what may be", what,
+              d.dir);
+        CHECK(d.pdf <= 0.0, "%s: with their densities, but for %.1e", what, d.pdf);
+    }
+    CHECK(!d.densities && d.near * 2000 < 2 * points,
           "%s: densities of directions too, but for %ld, and %ld at edges", what, d.densities,
           d.near);
+    CHECK(d.dark * 2 < 2 * points, "%s: with light in most of them: %ld without", what, d.dark);
 }
 
 /* The fields that say what the table is. */
@@ -238,62 +301,169 @@ static void check_header(const kd_fixture *f, const unsigned char *table, const 
     int i, wrong = 0;
 
     CHECK(table[0] == 'E' && table[1] == 'S' && table[2] == 'K' && table[3] == 'D'
-          && word(table, AT_VERSION) == 2 && word(table, AT_BYTES) == envsamp_kd_bytes(f->kd)
+          && word(table, AT_VERSION) == 3 && word(table, AT_BYTES) == envsamp_kd_bytes(f->kd)
           && word(table, AT_SELECT) == (uint32_t)f->desc.select, "%s: who it is", what);
     CHECK(word(table, AT_WIDTH) == (uint32_t)f->image.width
           && word(table, AT_HEIGHT) == (uint32_t)f->image.height
           && word(table, AT_BLOCK_COUNT) == (uint32_t)f->info.block_count, "%s: its size", what);
+    CHECK(word(table, AT_MAPPING) == (uint32_t)f->image.mapping
+          && word(table, AT_BILINEAR) == (f->desc.bilinear ? 1u : 0u)
+          && fabs(real(word(table, AT_COMPENSATION)) - (double)f->desc.mis_compensation) <= 0.0
+          && word(table, AT_BAD_PIXELS) == 0 && word(table, AT_BAD_PIXELS + 4) == 0,
+          "%s: what it is of", what);
+    CHECK(word(table, AT_POLAR_END) == (f->image.mapping == ENVSAMP_HEMISPHERE ? 0x3f800000u
+                                                                               : 0x40000000u),
+          "%s: where the map ends", what);
     for (i = 0; i < 3; i++)
         wrong += fabs(real_double(table, AT_INTEGRAL + 8 * (size_t)i) - figures[i]) > 0.0;
     CHECK(!wrong, "%s: integral, excess variance, largest ratio", what);
 }
 
-static void test_layout(envsamp_kd_select select, const char *name, int width, int height,
-                        int blocks)
+/* The arrays follow the header and one another, each as large as it is said to be. */
+static void check_arrays(const unsigned char *table, const char *what)
 {
-    const envsamp_kd_desc desc = kd_desc(blocks, select);
+    const int warp = word(table, AT_SELECT) == WARP, alias = word(table, AT_SELECT) == ALIAS;
+    const uint32_t blocks = word(table, AT_BLOCK_COUNT), listed = warp ? 0 : blocks;
+    const uint32_t tiles = warp ? 1u << (word(table, AT_TILE_BITS_X) + word(table, AT_TILE_BITS_Y))
+                                : 0;
+    const uint32_t bins = alias ? 1u << (24 - word(table, AT_ALIAS_SHIFT)) : 0;
+    const uint32_t cells = 1u << (word(table, AT_GRID_BITS_X) + word(table, AT_GRID_BITS_Y));
+    const uint32_t at[9] = { AT_TILES, AT_WARP, AT_EDGES, AT_PDF, AT_ALIAS, AT_ROOTS, AT_NODES,
+                             AT_GRID, AT_BYTES };
+    const uint32_t size[9] = { 16 * tiles, 16 * (warp ? blocks - tiles : 0), 16 * listed,
+                               4 * listed, 4 * bins, 4 * tiles, 12 * blocks, 4 * cells, 0 };
+    uint32_t end = AFTER_HEADER;
+    int i, wrong = 0;
+
+    for (i = 0; i < 9; i++) {
+        wrong += word(table, at[i]) != end;
+        end += size[i];
+    }
+    CHECK(!wrong && (!alias || (bins >= blocks && bins < 2 * blocks)),
+          "%s: arrays are where they belong, but %d", what, wrong);
+}
+
+/* Edges rise inside the map, and polar angles change their pole at the equator of LATLONG alone. */
+static void check_edges(const unsigned char *table, const char *what)
+{
+    const int warp = word(table, AT_SELECT) == WARP;
+    const uint32_t count = warp ? 1u << (word(table, AT_TILE_BITS_X) + word(table, AT_TILE_BITS_Y))
+                                : word(table, AT_BLOCK_COUNT);
+    const uint32_t mapping = word(table, AT_MAPPING);
+    double area = 0.0;
+    uint32_t i;
+    int k, wrong = 0;
+
+    for (i = 0; i < count; i++) {
+        double edge[4];
+
+        for (k = 0; k < 4; k++) {
+            const uint32_t bits = entry(table, warp ? AT_TILES : AT_EDGES, i, 16, (size_t)k);
+
+            edge[k] = k < 2 || mapping == OCTAHEDRAL ? real(bits) : edge_north(bits);
+            wrong += bits & TOP_BIT && (k < 2 || mapping != LATLONG);
+        }
+        wrong += !(edge[0] >= 0.0 && edge[0] < edge[1] && edge[1] <= 1.0);
+        wrong += !(edge[2] >= 0.0 && edge[2] < edge[3]
+                   && edge[3] <= (mapping == LATLONG ? 2.0 : 1.0));
+        area += (edge[1] - edge[0]) * (edge[3] - edge[2]);
+    }
+    area -= mapping == LATLONG ? 2.0 : 1.0;
+    CHECK(!wrong && fabs(area) <= 1e-6, "%s: %s cover the map, but for %.1e", what,
+          warp ? "tiles" : "blocks", area);
+}
+
+/* What to build. */
+typedef struct build {
+    envsamp_kd_select select;
+    envsamp_mapping mapping;
+    int bilinear;
+    float mis;
+    int points;                 /* samples to compare, and twice as many densities */
+} build;
+
+static void test_layout(build b, const char *name, int width, int height, int blocks)
+{
+    static const char *const selects[3] = { "WARP", "ALIAS", "FIT" };
+    static const char *const mappings[3] = { "lat-long", "hemisphere", "octahedral" };
+    envsamp_kd_desc desc = kd_desc(blocks, b.select);
     unsigned char *table;
     envsamp_image view;
-    char what[64];
+    char what[96];
     kd_fixture f;
     image map;
 
     map_make(name, width, height, &map);
     view = kd_image(map.rgb, width, height, 3);
-    snprintf(what, sizeof what, "%s, %s %dx%d", select == ENVSAMP_KD_WARP ? "WARP" : "ALIAS", name,
-             width, height);
+    view.mapping = b.mapping;
+    desc.bilinear = b.bilinear;
+    desc.mis_compensation = b.mis;
+    snprintf(what, sizeof what, "%s, %s%s, %s %dx%d", selects[b.select], mappings[b.mapping],
+             b.bilinear ? ", bilinear" : "", name, width, height);
     CHECK(kd_fixture_build(&f, &view, &desc), "%s, %d blocks", what, blocks);
     if (f.kd) {
         table = (unsigned char *)kd_allocate(envsamp_kd_bytes(f.kd));
         memcpy(table, f.kd, envsamp_kd_bytes(f.kd));
         check_header(&f, table, what);
-        compare(&f, table, what);
+        check_arrays(table, what);
+        check_edges(table, what);
+        compare(&f, table, b.points, what);
         free(table);
     }
     kd_fixture_free(&f);
     image_free(&map);
 }
 
+static void test_maps(build b)
+{
+    test_layout(b, "sky", 512, 256, 6144);
+    test_layout(b, "studio", 256, 128, 1000);
+    test_layout(b, "night", 147, 75, 900);
+    test_layout(b, "foliage", 512, 256, 6144);
+    test_layout(b, "foliage", 33, 130, 100);
+    test_layout(b, "foliage", 64, 32, 2);
+    test_layout(b, "constant", 64, 32, 10);
+}
+
+/* Squares too, as octahedral maps are. */
+static void test_mapping(build b)
+{
+    test_layout(b, "sky", 256, 256, 6144);
+    test_layout(b, "studio", 256, 128, 1000);
+    test_layout(b, "night", 75, 75, 900);
+    test_layout(b, "foliage", 33, 130, 100);
+    test_layout(b, "foliage", 32, 32, 2);
+    test_layout(b, "constant", 32, 32, 10);
+}
+
 int main(void)
 {
-    const envsamp_kd_select selects[2] = { ENVSAMP_KD_WARP, ENVSAMP_KD_ALIAS };
     const uint32_t one = 1;
     unsigned char first;
-    int i;
+    build b = { ENVSAMP_KD_WARP, ENVSAMP_LATLONG, 0, 0.0f, 0 };
+    int select, mapping;
 
     memcpy(&first, &one, 1);
     if (!first) {
         CHECK_SKIP("tables of this machine are not little-endian");
         return check_done();
     }
-    for (i = 0; i < 2; i++) {
-        test_layout(selects[i], "sky", 512, 256, 6144);
-        test_layout(selects[i], "studio", 256, 128, 1000);
-        test_layout(selects[i], "night", 147, 75, 900);
-        test_layout(selects[i], "foliage", 512, 256, 6144);
-        test_layout(selects[i], "foliage", 33, 130, 100);
-        test_layout(selects[i], "foliage", 64, 32, 2);
-        test_layout(selects[i], "constant", 64, 32, 10);
+    for (select = WARP; select <= FIT; select++) {
+        b.select = (envsamp_kd_select)select;
+        b.mapping = ENVSAMP_LATLONG;
+        b.bilinear = 0;
+        b.points = 100000;
+        test_maps(b);
+        b.points = 20000;
+        for (mapping = LATLONG; mapping <= OCTAHEDRAL; mapping++) {
+            b.mapping = (envsamp_mapping)mapping;
+            for (b.bilinear = mapping == LATLONG; b.bilinear < 2; b.bilinear++)
+                test_mapping(b);
+        }
+        b.bilinear = 1;
+        b.mis = 0.25f;
+        test_layout(b, "sky", 64, 64, 300);
+        b.mis = 0.0f;
     }
     return check_done();
 }

@@ -13,19 +13,35 @@
 
 #include <float.h>
 
-#define KINDS 6
+/* Those from BILINEAR on are, with compensation, and the last two are of other mappings. */
+enum { ALIAS, FIT_LOG, FIT_POWER, ONE_ALIAS, WARP, ONE_WARP, BILINEAR, HEMISPHERE, OCTAHEDRAL,
+       KINDS };
 
 static const char *const kind_names[KINDS] = { "ALIAS", "FIT LOG", "FIT POWER", "ALIAS, 1 block",
-                                               "WARP", "WARP, 1 block" };
+                                               "WARP", "WARP, 1 block", "WARP, bilinear",
+                                               "ALIAS, hemisphere", "WARP, octahedral" };
 
 static envsamp_kd_desc kind_desc(int kind, int blocks)
 {
     static const envsamp_kd_select selects[KINDS] = { ENVSAMP_KD_ALIAS, ENVSAMP_KD_FIT,
-        ENVSAMP_KD_FIT, ENVSAMP_KD_ALIAS, ENVSAMP_KD_WARP, ENVSAMP_KD_WARP };
-    envsamp_kd_desc desc = kd_desc(kind == 3 || kind == 5 ? 1 : blocks, selects[kind]);
+        ENVSAMP_KD_FIT, ENVSAMP_KD_ALIAS, ENVSAMP_KD_WARP, ENVSAMP_KD_WARP, ENVSAMP_KD_WARP,
+        ENVSAMP_KD_ALIAS, ENVSAMP_KD_WARP };
+    envsamp_kd_desc desc = kd_desc(kind == ONE_ALIAS || kind == ONE_WARP ? 1 : blocks,
+                                   selects[kind]);
 
-    desc.model = kind == 2 ? ENVSAMP_KD_POWER : ENVSAMP_KD_LOG;
+    desc.model = kind == FIT_POWER ? ENVSAMP_KD_POWER : ENVSAMP_KD_LOG;
+    desc.bilinear = kind >= BILINEAR;
+    desc.mis_compensation = kind >= BILINEAR ? 0.25f : 0.0f;
     return desc;
+}
+
+static envsamp_image kind_image(int kind, const image *map)
+{
+    envsamp_image view = kd_image(map->rgb, map->width, map->height, 3);
+
+    view.mapping = kind == HEMISPHERE ? ENVSAMP_HEMISPHERE
+                 : kind == OCTAHEDRAL ? ENVSAMP_OCTAHEDRAL : ENVSAMP_LATLONG;
+    return view;
 }
 
 static void build_kind(kd_fixture *f, int kind, const char *name, int width, int height, int blocks)
@@ -35,7 +51,7 @@ static void build_kind(kd_fixture *f, int kind, const char *name, int width, int
     image map;
 
     map_make(name, width, height, &map);
-    view = kd_image(map.rgb, width, height, 3);
+    view = kind_image(kind, &map);
     kd_fixture_build(f, &view, &desc);
     CHECK(f->kd && kd_fixture_intact(f), "%s: %s, %dx%d, %d blocks, %lu bytes", kind_names[kind],
           name, width, height, f->info.block_count,
@@ -106,7 +122,7 @@ static void test_exact_sizes(int kind, int width, int height, int blocks)
     kd_fixture f;
 
     map_make("foliage", width, height, &map);
-    view = kd_image(map.rgb, width, height, 3);
+    view = kind_image(kind, &map);
     kd_fixture_build(&f, &view, &desc);
     CHECK(f.kd && kd_fixture_intact(&f), "%s, %dx%d, %d blocks: %lu and %lu bytes are enough",
           kind_names[kind], width, height, f.info.block_count,
@@ -203,7 +219,7 @@ static void test_open_errors(void)
     size_t bytes;
     int i, refused = 0;
 
-    build_kind(&f, 0, "studio", 32, 16, 20);
+    build_kind(&f, ALIAS, "studio", 32, 16, 20);
     bytes = envsamp_kd_bytes(f.kd);
     kd = f.kd;
     CHECK(envsamp_kd_open(NULL, bytes, &kd) == ENVSAMP_ERR_NULL && !kd, "nothing to open");
@@ -449,7 +465,7 @@ static void test_every_link(const kd_fixture *f)
 
 static void test_damage(int kind)
 {
-    const int warp = kind == 4;
+    const int warp = kind == WARP;
     kd_fixture f;
 
     build_kind(&f, kind, "foliage", 16, 8, 21);
@@ -460,7 +476,7 @@ static void test_damage(int kind)
     kd_fixture_free(&f);
 }
 
-/* ---- what a table of WARP must not hold ---- */
+/* ---- what a table must not hold ---- */
 
 /* A copy of a table to be changed and tried. */
 typedef struct trial { unsigned char *table; const kd_fixture *f; size_t bytes; } trial;
@@ -508,14 +524,16 @@ static float float_at(const trial *t, size_t at)
     return value;
 }
 
-static void test_wrong_tiles(trial *t)
+/* Edges of `count` tiles or blocks, which lie at `first`. Of the polar angle only those of a
+   lat-long map may have a sign. */
+static void test_wrong_edges(trial *t, size_t first, int count, const char *what)
 {
     const float bad[] = { NAN, INFINITY, -INFINITY, 1.5f, -1.5f };
-    const int tiles = kd_tile_count(t->f->kd);
+    const int signs = t->f->image.mapping == ENVSAMP_LATLONG;
     int i, k, v, opened = 0;
 
-    for (i = 0; i < tiles; i++) {
-        const size_t at = t->f->kd->tiles_at + 16 * (size_t)i;
+    for (i = 0; i < count; i++) {
+        const size_t at = first + 16 * (size_t)i;
 
         for (k = 0; k < 4; k++) {
             const size_t edge = at + 4 * (size_t)k, other = at + 4 * (size_t)(k ^ 1);
@@ -523,15 +541,84 @@ static void test_wrong_tiles(trial *t)
             for (v = 0; v < 5; v++)
                 opened += opens_with_float(t, edge, bad[v]);
             opened += opens_with_float(t, edge, float_at(t, other));
+            opened += (k < 2 || !signs) && float_at(t, edge) > 0.0f
+                   && opens_with_float(t, edge, -float_at(t, edge));
         }
         opened += opens_with_float(t, at, -1e-3f);
         opened += opens_with_float(t, at + 4, 0.0f);
         opened += opens_with_float(t, at + 8, -0.0f);
         opened += opens_with_float(t, at + 12, 0.0f);
     }
-    CHECK(trial_opens(t), "%d tiles as they are", tiles);
-    CHECK(!opened, "edges of tiles that do not rise, or leave the map, are refused, but %d",
+    CHECK(count > 0 && trial_opens(t), "%d %s as they are", count, what);
+    CHECK(!opened, "edges of %s that do not rise, or leave the map, are refused, but %d", what,
           opened);
+}
+
+/* A density that is none. */
+static void test_wrong_densities(trial *t)
+{
+    const float bad[] = { NAN, INFINITY, -INFINITY, -1.0f, -1e-40f };
+    int i, v, opened = 0;
+
+    for (i = 0; i < t->f->info.block_count; i++)
+        for (v = 0; v < 5; v++)
+            opened += opens_with_float(t, t->f->kd->pdf_at + 4 * (size_t)i, bad[v]);
+    CHECK(!opened, "densities below 0 or not finite are refused, but %d", opened);
+}
+
+/* What says of which map the table is. */
+static void test_wrong_source(trial *t)
+{
+    const float compensations[] = { NAN, INFINITY, -INFINITY, -0.5f, 1.5f, 1.0000001f };
+    const float ends[] = { NAN, INFINITY, -1.0f, -2.0f, 0.0f, 1.5f, 3.0f };
+    const uint32_t words[] = { 3, 4, 0x10000u, 0x80000000u, 0xffffffffu };
+    const int latlong = t->f->image.mapping == ENVSAMP_LATLONG;
+    int i, opened = 0;
+
+    for (i = 0; i < 6; i++)
+        opened += opens_with_float(t, offsetof(envsamp_kd, mis_compensation), compensations[i]);
+    for (i = 0; i < 7; i++)
+        opened += opens_with_float(t, offsetof(envsamp_kd, polar_end), ends[i]);
+    opened += opens_with_float(t, offsetof(envsamp_kd, polar_end),
+                               t->f->image.mapping == ENVSAMP_HEMISPHERE ? 2.0f : 1.0f);
+    for (i = 0; i < 5; i++) {
+        opened += opens_with_word(t, offsetof(envsamp_kd, mapping), words[i]);
+        opened += opens_with_word(t, offsetof(envsamp_kd, bilinear), words[i]);
+    }
+    opened += opens_with_word(t, offsetof(envsamp_kd, bilinear), 2);
+    opened += latlong && opens_with_word(t, offsetof(envsamp_kd, mapping), ENVSAMP_HEMISPHERE);
+    opened += latlong && opens_with_word(t, offsetof(envsamp_kd, mapping), ENVSAMP_OCTAHEDRAL);
+    for (i = 2; i < 5; i++) {
+        opened += opens_with_word(t, offsetof(envsamp_kd, width), words[i]);
+        opened += opens_with_word(t, offsetof(envsamp_kd, height), words[i]);
+    }
+    opened += opens_with_word(t, offsetof(envsamp_kd, width), 0);
+    opened += opens_with_word(t, offsetof(envsamp_kd, height), 0);
+    opened += opens_with_word(t, offsetof(envsamp_kd, version), 2);
+    opened += opens_with_word(t, offsetof(envsamp_kd, version), 4);
+    CHECK(!opened, "of another map, mapping or version: refused, but %d", opened);
+}
+
+/* Places of arrays, and what else follows from the rest of the header. */
+static void test_wrong_places(trial *t)
+{
+    const size_t at[] = { offsetof(envsamp_kd, tiles_at), offsetof(envsamp_kd, warp_at),
+                          offsetof(envsamp_kd, edges_at), offsetof(envsamp_kd, pdf_at),
+                          offsetof(envsamp_kd, alias_at), offsetof(envsamp_kd, roots_at),
+                          offsetof(envsamp_kd, nodes_at), offsetof(envsamp_kd, grid_at),
+                          offsetof(envsamp_kd, bytes), offsetof(envsamp_kd, alias_shift),
+                          offsetof(envsamp_kd, grid_scale_x), offsetof(envsamp_kd, grid_scale_y),
+                          offsetof(envsamp_kd, fit_end), offsetof(envsamp_kd, fit_step) };
+    int i, opened = 0;
+
+    for (i = 0; i < 14; i++) {
+        const uint32_t word = word_at(t->table, at[i]);
+
+        opened += opens_with_word(t, at[i], word + 4) + opens_with_word(t, at[i], word - 4)
+                + opens_with_word(t, at[i], word + 1) + opens_with_word(t, at[i], word ^ KD_LINK)
+                + opens_with_word(t, at[i], 0xffffffffu);
+    }
+    CHECK(!opened, "arrays elsewhere are refused, but %d", opened);
 }
 
 /* Each cut is tried below and above what its tile, or the cuts above it, leave it. */
@@ -646,15 +733,33 @@ static void test_wrong_bits(trial *t)
     CHECK(!opened, "other counts of bits, blocks and kinds are refused, but %d", opened);
 }
 
+static void test_refusals(int kind)
+{
+    kd_fixture f;
+    trial t;
+
+    build_kind(&f, kind, "foliage", 64, 32, 60);
+    t = trial_make(&f);
+    if (f.desc.select == ENVSAMP_KD_WARP) {
+        test_wrong_edges(&t, f.kd->tiles_at, kd_tile_count(f.kd), "tiles");
+    } else {
+        test_wrong_edges(&t, f.kd->edges_at, f.info.block_count, "blocks");
+        test_wrong_densities(&t);
+    }
+    test_wrong_source(&t);
+    test_wrong_places(&t);
+    free(t.table);
+    kd_fixture_free(&f);
+}
+
 static void test_warp_refusals(void)
 {
     kd_fixture f;
     trial t;
 
-    build_kind(&f, 4, "foliage", 64, 32, 60);
+    build_kind(&f, WARP, "foliage", 64, 32, 60);
     t = trial_make(&f);
     CHECK(kd_tile_count(f.kd) == 16 && f.info.block_count == 60, "16 tiles, 44 cuts below them");
-    test_wrong_tiles(&t);
     test_wrong_cuts(&t);
     test_wrong_order(&t);
     test_too_deep(&t);
@@ -663,15 +768,17 @@ static void test_warp_refusals(void)
     kd_fixture_free(&f);
 }
 
-/* Damages tables of the default size, of WARP and of ALIAS, so many times each. */
+/* Damages tables of the default size, of WARP, of ALIAS and of other mappings, so many times
+   each. */
 static int fuzz(int count)
 {
-    int kind;
+    static const int kinds[] = { ALIAS, WARP, HEMISPHERE, OCTAHEDRAL };
+    int i;
 
-    for (kind = 0; kind < KINDS; kind += 4) {
+    for (i = 0; i < 4; i++) {
         kd_fixture f;
 
-        build_kind(&f, kind, "studio", 512, 256, 6144);
+        build_kind(&f, kinds[i], "studio", 512, 256, 6144);
         test_mutations(&f, count, 200);
         kd_fixture_free(&f);
     }
@@ -694,6 +801,8 @@ int main(int argc, char **argv)
         test_copies(kind);
         test_file(path, kind);
         test_damage(kind);
+        if (kind != ONE_ALIAS && kind != ONE_WARP)
+            test_refusals(kind);
     }
     test_open_errors();
     test_warp_refusals();

@@ -20,7 +20,7 @@ typedef struct figures {
     double alias, sse;          /* excess variance of ALIAS by EXCESS and by SSE */
     double l1, chi2;            /* of FIT */
     double brute_force;         /* of ALIAS, by sums over the texels */
-    size_t bounds_bytes;
+    size_t edges_bytes;
     long mismatched;            /* samples whose pdf(dir) is another */
     double warp, warp_brute_force;      /* excess variance of WARP */
     double cuts;                /* expected below a tile */
@@ -140,7 +140,7 @@ static figures measure(int index)
     if (m.built) {
         m.alias = r.f.info.excess_variance;
         m.brute_force = reference_excess(&r);
-        m.bounds_bytes = r.f.kd->pdf_at - r.f.kd->bounds_at;
+        m.edges_bytes = r.f.kd->pdf_at - r.f.kd->edges_at;
         m.mismatched = mismatches(r.f.kd);
     }
     reference_free(&r);
@@ -167,7 +167,7 @@ static void check_map(int index, const figures *m)
           m->l1);
     CHECK(m->mismatched * 2000 < PAIRS, "%s: pdf(sample) differs in %ld of %d", name,
           m->mismatched, PAIRS);
-    CHECK(m->bounds_bytes == 49152, "%s: bounds of %d bytes", name, (int)m->bounds_bytes);
+    CHECK(m->edges_bytes == 98304, "%s: edges of %d bytes", name, (int)m->edges_bytes);
 }
 
 static void check_warp(int index, const figures *m)

@@ -6,7 +6,7 @@ cc=${CC:-cc}
 tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
 kinds=address,undefined,float-divide-by-zero,float-cast-overflow
-subjects="kd_faults kd_table kd_layout kd_warp lm"
+subjects="kd_faults kd_table kd_layout kd_warp cdf lm"
 count=0
 
 printf 'int main(void) { return 0; }\n' >"$tmp/probe.c"

@@ -1,0 +1,393 @@
+/* test_faults.c: what users of other samplers report, asked of all samplers here on small maps, in
+ * a second or two: draws, densities and what a table says of itself agree with sums over the map;
+ * edges, the seam and u = 1 belong where they should; suns stay quiet; every number that ALIAS can
+ * draw is drawn as often as claimed.
+ *
+ * The other tests ask more of each part; this one is what `make mutants` asks first.
+ */
+#include "check.h"
+
+#define ENVSAMP_IMPLEMENTATION
+#include "../envsamp.h"
+
+#include "sampler.h"
+#include "../examples/common/random.h"
+
+#include <float.h>
+
+#define WIDTH 32
+#define HEIGHT 16
+#define UNIT 16777216           /* 2^24: how many values a float u has */
+
+/* ---- maps ---- */
+
+typedef enum content { SUNNY, DARK_PARTS, LAMP, HALVES, CONTENTS } content;
+
+static const char *const content_names[] = { "a sun", "dark parts", "a lamp", "two halves" };
+
+static float pixels[WIDTH * HEIGHT];
+
+/* A sky with a sun of four texels; a map whose lower half and some columns are black; one lamp of a
+   texel in the seam column of a dim room; 1 and 3, in quarters. */
+static envsamp_image make_map(content kind)
+{
+    pcg32 random = pcg32_make(7, (uint64_t)kind);
+    int x, y;
+
+    for (y = 0; y < HEIGHT; y++)
+        for (x = 0; x < WIDTH; x++) {
+            const float noise = pcg32_float(&random);
+            const int sun = x / 2 == 4 && y / 2 == 2;
+            float *texel = &pixels[y * WIDTH + x];
+
+            switch (kind) {
+            case SUNNY: *texel = sun ? 1e5f : 1.0f + noise; break;
+            case DARK_PARTS: *texel = y >= HEIGHT / 2 || x % 8 == 3 ? 0.0f : noise; break;
+            case LAMP: *texel = x == 0 && y == 5 ? 1e3f : 0.5f; break;
+            default: *texel = (x < WIDTH / 2) == (y < HEIGHT / 2) ? 1.0f : 3.0f;
+            }
+        }
+    return kd_image(pixels, WIDTH, HEIGHT, 1);
+}
+
+/* Radiance, by a lookup that is not the library's: v is clamped to the rows, beyond a pole the map
+   goes on half a turn round. */
+static double texel_at(int x, int y)
+{
+    if (y < 0 || y >= HEIGHT) {
+        y = y < 0 ? 0 : HEIGHT - 1;
+        x += WIDTH / 2;
+    }
+    return (double)pixels[y * WIDTH + (x + WIDTH) % WIDTH];
+}
+
+static double radiance(double u, double v, int bilinear)
+{
+    const double x = u * WIDTH - (bilinear ? 0.5 : 0.0), y = v * HEIGHT - (bilinear ? 0.5 : 0.0);
+    const int i = (int)floor(x), j = (int)floor(y);
+    const double fx = x - i, fy = y - j;
+
+    if (!bilinear)
+        return texel_at(i, j < HEIGHT ? j : HEIGHT - 1);
+    return (1.0 - fy) * ((1.0 - fx) * texel_at(i, j) + fx * texel_at(i + 1, j))
+         + fy * ((1.0 - fx) * texel_at(i, j + 1) + fx * texel_at(i + 1, j + 1));
+}
+
+static void direction(double u, double v, float dir[3])
+{
+    dir[0] = (float)(cos(2.0 * KD_PI * u) * sin(KD_PI * v));
+    dir[1] = (float)(sin(2.0 * KD_PI * u) * sin(KD_PI * v));
+    dir[2] = (float)cos(KD_PI * v);
+}
+
+/* ---- a table against sums over the map, and against its own draws ---- */
+
+#define SPLIT 16                /* points a texel, each way: blocks end at sixteenths of texels */
+#define STRATA 400              /* numbers each way, one in each */
+
+/* A table, by sums over a fine grid of directions. */
+typedef struct sums {
+    double light, pdf, second;  /* integrals of L, pdf and L^2/pdf */
+    double ratio;               /* largest L/pdf */
+    int dark;                   /* points with light and no density */
+} sums;
+
+static sums sum_up(const sampler *s, int bilinear)
+{
+    sums t = { 0.0, 0.0, 0.0, 0.0, 0 };
+    int i, j;
+
+    for (j = 0; j < HEIGHT * SPLIT; j++) {
+        const double top = KD_PI * j / (HEIGHT * SPLIT), end = KD_PI * (j + 1) / (HEIGHT * SPLIT);
+        const double sr = 2.0 * KD_PI * (cos(top) - cos(end)) / (WIDTH * SPLIT);
+
+        for (i = 0; i < WIDTH * SPLIT; i++) {
+            const double u = (i + 0.5) / (WIDTH * SPLIT), v = (j + 0.5) / (HEIGHT * SPLIT);
+            const double light = radiance(u, v, bilinear);
+            float dir[3];
+            double pdf;
+
+            direction(u, v, dir);
+            pdf = (double)sampler_pdf(s, dir);
+            t.light += light * sr;
+            t.pdf += pdf * sr;
+            t.dark += light > 0.0 && !(pdf > 0.0);
+            if (pdf > 0.0) {
+                t.second += light * light / pdf * sr;
+                t.ratio = light / pdf > t.ratio ? light / pdf : t.ratio;
+            }
+        }
+    }
+    return t;
+}
+
+/* What it does, by draws. */
+typedef struct draws { double mean; int differ, dark, u_is_1; } draws;
+
+static draws draw_all(const sampler *s, int bilinear)
+{
+    pcg32 random = pcg32_make(1, 2);
+    draws d = { 0.0, 0, 0, 0 };
+    int i, j;
+
+    for (j = 0; j < STRATA; j++)
+        for (i = 0; i < STRATA; i++) {
+            const float u0 = ((float)i + pcg32_float(&random)) / STRATA;
+            const float u1 = ((float)j + pcg32_float(&random)) / STRATA;
+            const envsamp_sample sample = sampler_draw(s, u0, u1);
+            const double light = radiance((double)sample.uv[0], (double)sample.uv[1], bilinear);
+
+            d.mean += light / (double)sample.pdf / STRATA / STRATA;
+            d.differ += sampler_pdf(s, sample.dir) != sample.pdf;
+            d.dark += !(sample.pdf > 0.0f);
+            d.u_is_1 += !(sample.uv[0] < 1.0f);
+        }
+    return d;
+}
+
+/* Blocks of whole texels are summed up exactly; those of WARP end anywhere, and where radiance is
+   interpolated its largest ratio may lie between the points of the fine grid. One block draws a sun
+   so rarely that E[L/pdf] is rough. */
+static void test_table(content what, int kind, int bilinear, int blocks)
+{
+    const int whole = !bilinear && kind != SAMPLER_WARP;
+    const double room = whole ? 1e-5 : 2e-2, rough = blocks > 1 ? 2e-2 : 0.1;
+    const envsamp_image map = make_map(what);
+    sampler_request request = sampler_ask(kind, &map, blocks);
+    sampler_info info;
+    double second, ratio;
+    sums t;
+    draws d;
+    sampler s;
+
+    request.bilinear = bilinear;
+    if (!sampler_make(&s, &request)) {
+        CHECK(0, "%s of %s: %s", sampler_names[kind], content_names[what],
+              envsamp_result_string(s.result));
+        sampler_free(&s);
+        return;
+    }
+    info = sampler_get_info(&s);
+    t = sum_up(&s, bilinear);
+    d = draw_all(&s, bilinear);
+    second = t.second / t.light / t.light;
+    ratio = t.ratio / t.light;
+    CHECK(!t.dark && fabs(t.pdf - 1.0) <= room
+          && fabs(info.integral / t.light - 1.0) <= (bilinear ? 2e-3 : 1e-6), "%s of %s, %d blocks,"
+          " bilinear %d: the pdf integrates to %.6f, and is 0 at %d lit points; the integral is "
+          "%.1e off", sampler_names[kind], content_names[what], blocks, bilinear, t.pdf, t.dark,
+          info.integral / t.light - 1.0);
+    CHECK(fabs((1.0 + info.excess_variance) / second - 1.0) <= room, "excess variance %.6f, told "
+          "%.6f", second - 1.0, info.excess_variance);
+    CHECK(ratio <= info.max_ratio * (bilinear ? 1.0 + 2e-3 : 1.0 + 1e-5)
+          && (!whole || ratio >= info.max_ratio * (1.0 - 1e-5)), "largest ratio %.6f, told %.6f",
+          ratio, info.max_ratio);
+    CHECK(!d.dark && !d.u_is_1 && d.differ * 1000 < STRATA * STRATA
+          && fabs(d.mean / t.light - 1.0) < rough, "E[L/pdf] is %.1e off; in %d draws pdf(dir) "
+          "differs, in %d it is 0, in %d u is 1", d.mean / t.light - 1.0, d.differ, d.dark,
+          d.u_is_1);
+    sampler_free(&s);
+}
+
+/* ---- suns ---- */
+
+/* What suns cost at most, 1.5 times of today: a table whose blocks are drawn by their light, not by
+   its root mean square, or do not end at the sun, costs more. */
+static const double most_excess[SAMPLER_KINDS][2][2] = {    /* sun, lamp; nearest, bilinear */
+    { { 5e-5, 0.035 }, { 1e-5, 0.032 } }, { { 2e-5, 0.035 }, { 1e-5, 0.033 } },
+    { { 0.47, 0.29 }, { 0.2, 0.165 } }, { { 1e-5, 0.52 }, { 1e-5, 0.77 } }
+};
+
+static void test_sun(content what, int kind, int bilinear)
+{
+    const double most = most_excess[kind][what == LAMP][bilinear];
+    const envsamp_image map = make_map(what);
+    sampler_request request = sampler_ask(kind, &map, 200);
+    sampler s;
+
+    request.bilinear = bilinear;
+    sampler_make(&s, &request);
+    CHECK(s.result == ENVSAMP_OK && sampler_get_info(&s).excess_variance <= most, "%s of %s, "
+          "bilinear %d: excess variance %.6f, at most %.6f", sampler_names[kind],
+          content_names[what], bilinear, s.result == ENVSAMP_OK
+          ? sampler_get_info(&s).excess_variance : -1.0, most);
+    sampler_free(&s);
+}
+
+/* ---- edges ---- */
+
+/* Directions exactly on edges: they belong to what comes after the edge, as numbers do. */
+static void test_edges(int kind)
+{
+    const envsamp_image map = make_map(HALVES);
+    const sampler_request request = sampler_ask(kind, &map, 64);
+    const float back[3] = { -1.0f, 0.0f, 0.5f }, after[3] = { -1.0f, -1e-3f, 0.5f };
+    const float front[3] = { 1.0f, 0.0f, 0.5f }, first[3] = { 1.0f, 1e-3f, 0.5f };
+    const float last[3] = { 1.0f, -1e-3f, 0.5f }, seam[3] = { 1.0f, -1e-30f, 0.5f };
+    const float level[3] = { 0.6f, 0.8f, 0.0f }, below[3] = { 0.6f, 0.8f, -1e-3f };
+    float uv[2];
+    sampler s;
+
+    if (!sampler_make(&s, &request)) {
+        CHECK(0, "%s of two halves", sampler_names[kind]);
+        sampler_free(&s);
+        return;
+    }
+    CHECK(sampler_pdf(&s, back) == sampler_pdf(&s, after), "%s: u = 1/2 is in the second half",
+          sampler_names[kind]);
+    CHECK(sampler_pdf(&s, level) == sampler_pdf(&s, below), "%s: the equator is in the lower half",
+          sampler_names[kind]);
+    CHECK(sampler_pdf(&s, front) == sampler_pdf(&s, first), "%s: u = 0 is in the first half",
+          sampler_names[kind]);
+    CHECK(sampler_pdf(&s, seam) == sampler_pdf(&s, last), "%s: just below u = 1 is in the second",
+          sampler_names[kind]);
+    CHECK(sampler_pdf(&s, last) > 1.5f * sampler_pdf(&s, first), "%s: control: which is brighter",
+          sampler_names[kind]);
+    envsamp_dir_to_uv(ENVSAMP_LATLONG, seam, uv);
+    CHECK(uv[0] < 1.0f, "u of a direction is below 1: %.9g", (double)uv[0]);
+    sampler_free(&s);
+}
+
+/* Numbers exactly on the edges of WARP's blocks draw the block after the edge. */
+static void test_warp_edges(void)
+{
+    const envsamp_image map = make_map(SUNNY);
+    const sampler_request request = sampler_ask(SAMPLER_WARP, &map, 150);
+    kd_warp_block blocks[150];
+    int i, count = 0, wrong = 0;
+    sampler s;
+
+    if (sampler_make(&s, &request))
+        count = kd_warp_blocks(s.kd, blocks, 150);
+    for (i = 0; i < count; i++) {
+        const float u0 = (float)(blocks[i].low[0] / UNIT), u1 = (float)(blocks[i].low[1] / UNIT);
+        const float end0 = (float)((blocks[i].high[0] - 1.0) / UNIT);
+        const float end1 = (float)((blocks[i].high[1] - 1.0) / UNIT);
+
+        wrong += sampler_draw(&s, u0, u1).pdf != kd_density(&blocks[i]);
+        wrong += sampler_draw(&s, end0, end1).pdf != kd_density(&blocks[i]);
+    }
+    CHECK(count == 150 && !wrong, "WARP: corners of %d blocks draw them, but %d", count, wrong);
+    sampler_free(&s);
+}
+
+/* Numbers that are none of [0, 1) draw as the nearest that is, and none draws a u of 1. */
+static void test_u_of_1(int kind, int blocks)
+{
+    const float bad[] = { 1.0f, 2.0f, 1e30f, INFINITY, NAN, -1.0f, -INFINITY };
+    const envsamp_image map = make_map(SUNNY);
+    const sampler_request request = sampler_ask(kind, &map, blocks);
+    const float most = (float)(UNIT - 1) / (float)UNIT;
+    int i, wrong = 0, u_is_1 = 0;
+    sampler s;
+
+    sampler_make(&s, &request);
+    for (i = 0; s.result == ENVSAMP_OK && i < 7; i++) {
+        const envsamp_sample a = sampler_draw(&s, bad[i], 0.3f), b = sampler_draw(&s, most, 0.3f);
+        const envsamp_sample c = sampler_draw(&s, 0.3f, bad[i]), d = sampler_draw(&s, 0.3f, most);
+
+        wrong += memcmp(&a, &b, sizeof a) != 0;
+        wrong += memcmp(&c, &d, sizeof c) != 0;
+    }
+    for (i = 0; s.result == ENVSAMP_OK && i < 4096; i++)
+        u_is_1 += !(sampler_draw(&s, most, (float)(4099 * i) / (float)UNIT).uv[0] < 1.0f);
+    CHECK(s.result == ENVSAMP_OK && !wrong && !u_is_1, "%s, %d blocks: 1 and above, NaN and "
+          "infinity draw as 1 - 2^-24: %d do not; u of a sample is 1 in %d", sampler_names[kind],
+          blocks, wrong, u_is_1);
+    sampler_free(&s);
+}
+
+/* ---- every number ---- */
+
+/* ALIAS: all 2^24 numbers; each block is drawn exactly as often as its probability says. */
+static void test_every_draw(content what, int blocks)
+{
+    const envsamp_image map = make_map(what);
+    const sampler_request request = sampler_ask(SAMPLER_ALIAS, &map, blocks);
+    int *drawn = (int *)kd_allocate(((size_t)blocks + 1) * sizeof *drawn);
+    int i, count, wrong = 0, sum = 0;
+    sampler s;
+
+    sampler_make(&s, &request);
+    count = s.result == ENVSAMP_OK ? (int)s.kd->block_count : 0;
+    for (i = 0; count > 0 && i < UNIT; i++) {
+        const int block = envsamp__alias_choose(s.kd, (float)i / (float)UNIT, 0.5f).block;
+
+        drawn[block >= 0 && block < count ? block : blocks]++;
+    }
+    for (i = 0; i < count; i++) {
+        envsamp_kd_block block;
+
+        envsamp_kd_get_block(s.kd, i, &block);
+        wrong += fabs((double)block.probability * UNIT / drawn[i] - 1.0) > 3e-7;
+        sum += drawn[i];
+    }
+    CHECK(count > 0 && !wrong && sum == UNIT, "ALIAS of %s, %d blocks: %d are drawn more or less "
+          "often than claimed; %d draws", content_names[what], count, wrong, sum);
+    free(drawn);
+    sampler_free(&s);
+}
+
+/* ---- sizes ---- */
+
+/* The smallest maps, of a value that is not black, and black. */
+static void test_smallest(int kind)
+{
+    const float one[9] = { 0.7f, 0.7f, 0.7f, 0.7f, 0.7f, 0.7f, 0.7f, 0.7f, 0.7f };
+    const float none[9] = { 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f };
+    const int sizes[][2] = { { 1, 1 }, { 1, 3 }, { 3, 1 }, { 2, 2 } };
+    int i, wrong = 0, black = 0;
+
+    for (i = 0; i < 2 * 3 * 4; i++) {
+        envsamp_image map = kd_image(one, sizes[i % 4][0], sizes[i % 4][1], 1);
+        sampler_request request;
+        envsamp_sample sample;
+        double expected = 0.25 / KD_PI;
+        sampler s;
+
+        map.mapping = (envsamp_mapping)(i / 4 % 3);
+        expected *= map.mapping == ENVSAMP_HEMISPHERE ? 2.0 : 1.0;
+        request = sampler_ask(kind, &map, 5);
+        request.bilinear = i / 12;
+        if (sampler_make(&s, &request)) {
+            sample = sampler_draw(&s, 0.6f, 0.3f);
+            wrong += fabs((double)sample.pdf / expected - 1.0) > 1e-5
+                  || fabs((double)sampler_pdf(&s, sample.dir) / expected - 1.0) > 1e-5
+                  || fabs(sampler_get_info(&s).integral * expected / 0.7 - 1.0) > 1e-6
+                  || !sampler_opens(&s);
+        } else {
+            wrong++;
+        }
+        sampler_free(&s);
+        request.image.pixels = none;
+        black += sampler_make(&s, &request) || s.result != ENVSAMP_ERR_BLACK || sampler_opens(&s);
+        sampler_free(&s);
+    }
+    CHECK(!wrong, "%s: maps of 1x1 to 2x2 texels are constant, but %d", sampler_names[kind], wrong);
+    CHECK(!black, "%s: black ones are refused, but %d", sampler_names[kind], black);
+}
+
+int main(void)
+{
+    const int blocks[] = { 1, 60, 500 };
+    int kind, i, k;
+
+    for (kind = 0; kind < SAMPLER_KINDS; kind++) {
+        for (i = 0; i < CONTENTS; i++)
+            for (k = kind == SAMPLER_CDF ? 2 : 0; k < 3; k++) {
+                test_table((content)i, kind, 0, blocks[k]);
+                test_table((content)i, kind, 1, blocks[k]);
+            }
+        test_edges(kind);
+        test_u_of_1(kind, 1);
+        test_u_of_1(kind, 150);
+        test_smallest(kind);
+    }
+    for (kind = 0; kind < SAMPLER_KINDS; kind++)
+        for (i = 0; i < 4; i++)
+            test_sun(i / 2 ? LAMP : SUNNY, kind, i % 2);
+    test_warp_edges();
+    test_every_draw(SUNNY, 300);
+    test_every_draw(DARK_PARTS, 1000);
+    return check_done();
+}
