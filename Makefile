@@ -53,7 +53,7 @@ bench: $(BUILD)/bench $(BUILD)/bench_batch  ## time it against other samplers; M
 scale: $(BUILD)/scale  ## large maps by row callback, and builds in steps
 	$(BUILD)/scale $(MAP)
 
-# A million tables take about half an hour.
+# A million tables of each of four kinds take about an hour.
 fuzz: $(BUILD)/fuzz_kd_table  ## open and sample damaged tables under sanitizers; TABLES=1000000
 	$(BUILD)/fuzz_kd_table $(BUILD)/fuzz.bin $(or $(TABLES),20000)
 

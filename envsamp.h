@@ -41,8 +41,9 @@
  *                        [1]                   random                  smaller, 5 to 60 % more
  *                                                                      variance, up to 140 %
  *
- *     envsamp_cdf        by inversion over     stay      3       yes     none of the variance of
- *                        texels                strata                  blocks: 4.5 bytes a texel
+ *     envsamp_cdf        by inversion over     stay      3     yes     lookups take the nearest
+ *                        texels                strata                  texel: no excess variance,
+ *                                                                      4.5 bytes a texel
  *
  * A table of 6144 blocks, the default, replaces the CDF of a map of any resolution. What it loses
  * against that is `excess_variance`, which envsamp_kd_get_info tells exactly.
@@ -64,7 +65,7 @@
  *
  * LOOKUPS. A table is made for one way to look the map up. `bilinear`, the default: between texel
  * centres, as most renderers and every GPU do; density is then above zero wherever such a lookup
- * is, and all figures are those of the interpolated map. Without it, lookups must take the nearest
+ * is, but for rounding, and all figures are those of the interpolated map. Without it, lookups must take the nearest
  * texel: looked up bilinearly, a table for nearest texels misses 4 to 40 % of the light of a lamp.
  * The other way round nothing is missed, but there is more noise. envsamp_lookup does both.
  *
@@ -349,7 +350,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd
 /* Density per steradian of envsamp_kd_sample in a direction, which need not be of unit length. 0
    for the zero vector and for one with NaN or infinity. Equals the pdf of a sample, but where its
    direction, rounded to floats, lies across the edge of its block: fewer than 1 in 2000 at 6144
-   blocks of a map twice as wide as high. */
+   blocks of a map twice as wide as high, up to 1 in 100 where a lamp of a few texels, and so its
+   small blocks, has most of the light. */
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3]);
 
 /* The numbers that make envsamp_kd_sample draw a direction, which need not be of unit length: for
@@ -399,8 +401,10 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
 
 /* ---- cdf: inversion over texels ------------------------------------------------------------ */
 
-/* The map at full resolution: for maps that are to be sampled with no excess variance, at some
-   4.5 bytes a texel where kd needs 100 to 400 KB in all. */
+/* The map at full resolution, at some 4.5 bytes a texel where kd needs 100 to 400 KB in all. Without
+   `bilinear` there is no excess variance. With it there is that within cells between texel centres,
+   which are drawn evenly: 0.001 to 0.05 for most maps, 0.8 for a lone texel, to which kd gives
+   smaller blocks. */
 typedef struct envsamp_cdf_desc {
     float mis_compensation;          /* 0 none .. 1 full: see MIS COMPENSATION; default 0 */
     int bilinear;                    /* nonzero: radiance is looked up bilinearly; default 1 */
@@ -423,8 +427,8 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY or _ALIGN.
    Numeric: every lit row, and every lit texel of a row, gets one of 2^24 parts, and the rest is
    shared out in proportion, rounded down: a texel is drawn at least 1 - (width + height) / 2^24
-   times as often as it ought to be, so max_ratio hardly exceeds 1, and excess_variance is below
-   (width + height) / 2^24.
+   times as often as it ought to be. So without `bilinear` max_ratio hardly exceeds 1, and
+   excess_variance is below (width + height) / 2^24.
    Source: inversion by rows, then columns, as everywhere; found by guide tables [6]. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
                                              const envsamp_cdf_desc *desc, envsamp_buffer table,
@@ -459,7 +463,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *
 
 /* Density per steradian of envsamp_cdf_sample in a direction, which need not be of unit length. 0
    for the zero vector and for one with NaN or infinity. Equals the pdf of a sample, but where its
-   direction, rounded to floats, lies across the edge of its texel: 1 in 10000 at 2048 by 1024. */
+   direction, rounded to floats, lies across the edge of its texel: 1 in 6000 at 2048 by 1024. */
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_cdf_pdf(const envsamp_cdf *cdf, const float dir[3]);
 
 /* The numbers that make envsamp_cdf_sample draw a direction, which need not be of unit length:
@@ -480,8 +484,8 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 
 typedef struct envsamp_cdf_info {
     double integral;         /* of luminance over the sphere: units of luminance x sr */
-    double excess_variance;  /* E[(L/pdf)^2] / integral^2 - 1, exact over the map: nearly 0 */
-    double max_ratio;        /* largest L / (pdf * integral) over the map: nearly 1 */
+    double excess_variance;  /* E[(L/pdf)^2] / integral^2 - 1, exact over the map */
+    double max_ratio;        /* largest L / (pdf * integral) over the map */
     size_t bad_pixel_count;  /* NaN, infinite or negative pixels taken as zero */
     float mis_compensation;  /* in force: 0 where nothing would have been left */
     int bilinear;            /* how lookups have to be: as in the description */
@@ -1846,7 +1850,7 @@ static void envsamp__source_carve(envsamp__source *source, const envsamp_image *
 
     source->image = *image;
     source->bilinear = bilinear;
-    source->compensation = compensation;
+    source->compensation = compensation > 0.0f ? compensation : 0.0f;
     source->row = (float *)envsamp__take(arena, (uint64_t)image->width * (uint64_t)image->channels,
                                          sizeof(float));
     source->side[0] = (float *)envsamp__take(arena, folds, sizeof(float));
@@ -2316,7 +2320,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
 #define ENVSAMP__EVEN (1.0 / 8)     /* of a block's light: what a cell that its edge cuts may hold
                                        and still count as even while splits are searched */
 #define ENVSAMP__WARP_DEPTH 32  /* cuts below a tile, one inside the other */
-#define ENVSAMP__FINE_BITS 4    /* bilinear: lamps of a few texels want blocks within cells */
+#define ENVSAMP__FINE_BITS 6    /* bilinear: lamps of a few texels want blocks within cells */
 
 /* Cells of a level: columns x0 to x1 of rows y0 to y1, the ends not included. */
 typedef struct envsamp__window { int x0, y0, x1, y1; } envsamp__window;
@@ -2624,15 +2628,17 @@ static int envsamp__add_cells(const envsamp__map *map, int k, int y, int x0, int
     lower = lower < rect->y1 ? lower : rect->y1;
     row_sr = cut_row ? envsamp__rows_sr(map, upper, lower) : level->row_sr[y];
     for (x = x0; x < x1; x++) {
-        double left = envsamp__x_edge(map, x << level->shift), inside, sum, square;
+        double left = envsamp__x_edge(map, x << level->shift), inside, sum, square, whole;
         double right = envsamp__x_edge(map, (x + 1) << level->shift);
         double rms = (double)cell[x].rms;
 
         inside = envsamp__overlap(rect->x0, rect->x1, left, right);
         sum = row_sr * inside * (double)cell[x].mean;
         square = row_sr * inside * rms * rms;
+        whole = level->row_sr[y] * (right - left);
         if ((cut_row || inside < right - left)
-            && (sum > bins->least_sum || square > bins->least_square)) {
+            && (whole * (double)cell[x].mean > bins->least_sum
+                || whole * rms * rms > bins->least_square)) {
             stack[top].k = k - 1;
             stack[top++].cells = envsamp__parts(map, k, x, y);
         } else if (inside > 0.0) {
@@ -2839,21 +2845,44 @@ static double envsamp__cut_gain(const envsamp__search *search, double sr,
 /* How finely the cells of a small block are to be divided. */
 static int envsamp__fine_bits(const envsamp__tree *tree, const envsamp__rect *r)
 {
-    int cells = envsamp__cell_count(r->x0, r->x1, 0) * envsamp__cell_count(r->y0, r->y1, 0);
-    int bits = 0;
+    int bits = tree->fine_bits;
 
-    while (bits < tree->fine_bits && cells << (2 * bits + 2) <= ENVSAMP__PROFILE)
-        bits++;
+    for (; bits > 0; bits--) {
+        double scale = (double)(1 << bits);
+        int columns = envsamp__cell_count(scale * r->x0, scale * r->x1, 0);
+        int rows = envsamp__cell_count(scale * r->y0, scale * r->y1, 0);
+
+        if (columns <= ENVSAMP__CHUNK && rows <= ENVSAMP__PROFILE
+            && columns * rows <= ENVSAMP__PROFILE)
+            break;
+    }
     return bits;
 }
 
+/* A part of row y as if solid angle were even within it, unless it is near a pole. */
+static envsamp__row_part envsamp__part_within(const envsamp__map *map, int y, double y0, double y1)
+{
+    double edge = envsamp__y_edge(map, y), high = envsamp__y_edge(map, y + 1) - edge;
+    envsamp__row_part part = map->rows[y];
+
+    if (part.at < 0.49 || part.at > 0.51)
+        return envsamp__part_of_row(map, y, y0, y1);
+    part.top = (y0 - edge) / high;
+    part.end = (y1 - edge) / high;
+    part.sr *= part.end - part.top;
+    part.at = 0.5 * (part.top + part.end);
+    part.spread = (part.end - part.top) * (part.end - part.top) / 12.0;
+    return part;
+}
+
 /* Columns and rows, 2^-bits of a cell wide, of a block in a bilinear map. Within a row solid angle
-   is taken for even: the moments of blocks are computed anew when all are known. */
+   is taken for even, but at the poles: the moments of blocks are computed anew when all are
+   known. */
 static envsamp__window envsamp__fine_profile(envsamp__tree *tree, int bits,
                                              const envsamp__rect *rect)
 {
     const envsamp__map *map = tree->map;
-    double step = 1.0 / (double)(1 << bits), high, low, edge;
+    double step = 1.0 / (double)(1 << bits);
     envsamp__row_part part;
     envsamp__window w;
     envsamp__run run;
@@ -2867,16 +2896,11 @@ static envsamp__window envsamp__fine_profile(envsamp__tree *tree, int bits,
     envsamp__profile_clear(tree->rows, w.y1 - w.y0);
     for (j = w.y0; j < w.y1; j++) {
         int y = j >> bits;
+        double low = (double)(j + 1) * step;
         envsamp__moments row = { 0.0, 0.0, 0.0f };
 
-        edge = envsamp__y_edge(map, y);
-        high = 1.0 / (envsamp__y_edge(map, y + 1) - edge);
-        part.top = (envsamp__max((double)j * step, rect->y0) - edge) * high;
-        low = (double)(j + 1) * step;
-        part.end = ((low < rect->y1 ? low : rect->y1) - edge) * high;
-        part.sr = map->rows[y].sr * (part.end - part.top);
-        part.at = 0.5 * (part.top + part.end);
-        part.spread = (part.end - part.top) * (part.end - part.top) / 12.0;
+        part = envsamp__part_within(map, y, envsamp__max((double)j * step, rect->y0),
+                                    low < rect->y1 ? low : rect->y1);
         for (i = w.x0; i < w.x1; i++) {
             double left = envsamp__max((double)i * step, rect->x0);
             double right = (double)(i + 1) * step;

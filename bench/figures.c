@@ -9,6 +9,7 @@
 #include "../envsamp.h"
 
 #include "../examples/common/random.h"
+#include "../tests/sampler.h"
 #include "map_set.h"
 #include "warp_walk.h"
 
@@ -27,14 +28,16 @@ enum {
     FEW, DEFAULT, MANY,                             /* excess variance of WARP by blocks */
     RATIO_WARP, CUTS, DEEPEST,
     ACROSS, DOWN, CROSSED, BACK, BACK_ANY,          /* see fill_inverse */
-    COLUMNS
+    BILINEAR,                                       /* see fill_bilinear: three for each sampler */
+    NEAREST = BILINEAR + 9, COLUMNS = NEAREST + 2
 };
 
 static const char *const headings[COLUMNS] = {
     "SSE", "VARIANCE", "RANGE", "EXCESS", "LOG L1", "LOG CHI2", "POW L1", "POW CHI2",
     "alpha", "beta", "l1", "ratio", "fit ratio", "drawn", "fit drawn",
     "l1 16", "l1 256", "l1 6144", "l1 65536", "worst gap",
-    "1024", "6144", "16384", "ratio", "cuts", "deepest", "u0", "u1", "crossed", "back", "back any"
+    "1024", "6144", "16384", "ratio", "cuts", "deepest", "u0", "u1", "crossed", "back", "back any",
+    "WARP", "z", "excess", "ALIAS", "z", "excess", "cdf", "z", "excess", "nearest", "bias"
 };
 
 typedef struct row { double value[COLUMNS]; } row;
@@ -237,6 +240,80 @@ static void fill_warp(const image *map, int points, row *out)
     }
 }
 
+/* ---- bilinear lookups ---- */
+
+#define LOOKUPS (1 << 20)
+
+/* Mean and standard deviation of L / (pdf integral) by bilinear lookups, where `integral` is that
+   of the interpolated map. */
+static void estimate(const sampler *s, const envsamp_image *view, double integral, double *mean,
+                     double *deviation)
+{
+    pcg32 random = pcg32_make(31, 7);
+    double sum = 0.0, square = 0.0;
+    int i;
+
+    for (i = 0; i < LOOKUPS; i++) {
+        const float u0 = pcg32_float(&random), u1 = pcg32_float(&random);
+        const envsamp_sample from = sampler_draw(s, u0, u1);
+        float rgb[3];
+        double value;
+
+        envsamp_lookup(view, 1, from.dir, rgb);
+        value = (double)envsamp_luminance(rgb) / ((double)from.pdf * integral);
+        sum += value;
+        square += value * value;
+    }
+    *mean = sum / LOOKUPS;
+    *deviation = sqrt(fmax(square / LOOKUPS - *mean * *mean, 0.0));
+}
+
+/* Tables made for bilinear lookups: standard deviation, z of the mean from 1, and the excess
+   variance that the table claims; and a WARP table made for nearest texels: deviation and bias. */
+static void fill_bilinear(const image *map, row *out)
+{
+    static const int kinds[4] = { SAMPLER_WARP, SAMPLER_ALIAS, SAMPLER_CDF, SAMPLER_WARP };
+    const envsamp_image view = kd_image(map->rgb, map->width, map->height, 3);
+    double integral = 0.0, mean, deviation;
+    int i;
+
+    for (i = 0; i < 4; i++) {
+        sampler_request request = sampler_ask(kinds[i], &view, BLOCKS);
+        sampler s;
+
+        request.bilinear = i < 3;
+        if (sampler_make(&s, &request)) {
+            const sampler_info info = sampler_get_info(&s);
+
+            integral = i < 3 ? info.integral : integral;
+            estimate(&s, &view, integral, &mean, &deviation);
+            if (i < 3) {
+                out->value[BILINEAR + 3 * i] = deviation;
+                out->value[BILINEAR + 3 * i + 1] = (mean - 1.0) / (deviation / sqrt(LOOKUPS));
+                out->value[BILINEAR + 3 * i + 2] = info.excess_variance;
+            } else {
+                out->value[NEAREST] = deviation;
+                out->value[NEAREST + 1] = mean - 1.0;
+            }
+        }
+        sampler_free(&s);
+    }
+}
+
+/* How many maps a sampler keeps within a standard deviation of 0.2. */
+static void print_within(const map_set *set, const row *rows)
+{
+    int kind, i, count;
+
+    printf("\nstandard deviation at most 0.2 on, of %d maps:", set->count);
+    for (kind = 0; kind < 4; kind++) {
+        for (i = count = 0; i < set->count; i++)
+            count += rows[i].value[BILINEAR + 3 * kind] <= 0.2;
+        printf(" %s %d", headings[BILINEAR + 3 * kind], count);
+    }
+    printf("\n");
+}
+
 /* ---- printing ---- */
 
 static void print_value(int column, double value)
@@ -244,7 +321,8 @@ static void print_value(int column, double value)
     if (column == ALPHA || column == BETA || column == RATIO || column == RATIO_FIT
         || (column >= RATIO_WARP && column <= DOWN))
         printf(" %9.3g", value);
-    else if (column == DRAWN || column == DRAWN_FIT || column == GAP || column >= CROSSED)
+    else if (column == DRAWN || column == DRAWN_FIT || column == GAP
+             || (column >= CROSSED && column < BILINEAR))
         printf(" %9.1e", value);
     else
         printf(" %9.5f", value);
@@ -300,6 +378,7 @@ static int fill(const map_set *set, int index, int points, row *out)
     if (!map_set_load(set, index, &map))
         return 0;
     fill_warp(&map, points, out);
+    fill_bilinear(&map, out);
     fill_alias(&map, out);
     fill_fits(&map, out);
     fill_gaps(&map, out);
@@ -330,7 +409,13 @@ int main(int argc, char **argv)
              "of the block; share of points whose direction rounds across an edge; worst angle of\n"
              "sample(invert(dir)), in radians, at samples and at any direction, which may lie in a\n"
              "block so dark that few of the 2^48 pairs of numbers draw it", points);
-    print_table(title, &set, rows, ACROSS, COLUMNS);
+    print_table(title, &set, rows, ACROSS, BILINEAR);
+    snprintf(title, sizeof title,
+             "Bilinear lookups: standard deviation of L/(pdf integral) over %d points, z of its\n"
+             "mean, and the excess variance that the table claims, for tables made for them; and of\n"
+             "a WARP table made for nearest texels: deviation and bias", LOOKUPS);
+    print_table(title, &set, rows, BILINEAR, COLUMNS);
+    print_within(&set, rows);
     print_table("Excess variance of ALIAS by criterion, and of FIT by model and objective "
                 "(LOG L1: as published)", &set, rows, SSE, ALPHA);
     print_table("LOG L1: alpha and l1; POWER CHI2: beta; largest L/(pdf integral), and total\n"

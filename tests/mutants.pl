@@ -3,11 +3,10 @@
 #
 #     tests/mutants.pl [-j JOBS] [-k] [WORD...]
 #
-# tests/mutants.txt lists them; with WORDs only those that have one in their name or fault are tried.
-# The copies are in build/mutants/; what is in there may be deleted. First, as a control, the tests
-# must pass without a fault; with -k the rest goes on with those tests that do. The exit status is 0
-# if all pass and every fault is caught: by a test point that fails, a crash, or a test that does
-# not end.
+# tests/mutants.txt lists them; with WORDs only those that have one in their name or fault are put
+# back. The copies are in build/mutants/; what is in there may be deleted. First, as a control, the
+# tests must pass without a fault; with -k it goes on with those that do. The exit status is 0 if all
+# pass and every fault is caught: by a test point that fails, a crash, or a test that does not end.
 use strict;
 use warnings;
 use Cwd qw(abs_path);
@@ -43,7 +42,11 @@ sub read_list {
     open my $in, '<', $path or fail "$path: $!";
     while (<$in>) {
         chomp;
-        next if /^\s*(#|$)/;
+        next if /^\s*(#\s|$)/;
+        if (/^\s/) {
+            $mutants[-1]{edits}[-1][2] .= "\n$_";
+            next;
+        }
         my ($key, $value) = /^(\w+):\s*(.*?)\s*$/ or fail "$path:$.: what is this: $_";
         if ($key eq 'fault') {
             $fault = $value;
@@ -63,7 +66,8 @@ sub read_list {
         }
     }
     for (@mutants) {
-        fail "$_->{name}: no edit" if !@{ $_->{edits} } || grep { !defined $_->[2] } @{ $_->{edits} };
+        fail "$_->{name}: no edit" if !@{ $_->{edits} };
+        fail "$_->{name}: find, but not with" if grep { !defined $_->[2] } @{ $_->{edits} };
         fail "$_->{name}: no test" if !@{ $_->{tests} };
     }
     return @mutants;
@@ -145,7 +149,10 @@ sub run {
         chdir $folder && exec @command;
         exit 127;
     }
-    local $SIG{ALRM} = sub { $failure = "does not end: killed after $time_limit s"; kill KILL => -$child };
+    local $SIG{ALRM} = sub {
+        $failure = "does not end: killed after $time_limit s";
+        kill KILL => -$child;
+    };
     alarm $time_limit;
     while (<$out>) {
         chomp;
@@ -170,11 +177,10 @@ sub run {
 sub do_job {
     my ($job) = @_;
 
-    if ($job->{control}) {
-        my @command = prepare("$work/control", $job->{control}) or return "broken\t$job->{control}\t"
-                                                                          . 'does not compile';
+    if (my $test = $job->{control}) {
+        my @command = prepare("$work/control", $test) or return "broken\t$test\tdoes not compile";
         my $failure = run("$work/control", @command);
-        return defined $failure ? "broken\t$job->{control}\t$failure" : "passed\t$job->{control}\t";
+        return defined $failure ? "broken\t$test\t$failure" : "passed\t$test\t";
     }
     my $folder = "$work/$job->{number}";
     copy_tree("$work/control", $folder);
@@ -188,6 +194,7 @@ sub do_job {
             return "caught\t$test\t$failure";
         }
     }
+    return "broken\t\tnone of its tests passes without a fault" if !@{ $job->{tests} };
     return "SURVIVED\t\t" . join ' ', @{ $job->{tests} };
 }
 
@@ -204,7 +211,7 @@ sub start {
 # Does all jobs, as many at a time as there are cores, and reports each in its turn.
 sub do_all {
     my ($report, @queue) = @_;
-    my (%running, %ended, $stop);
+    my (%running, %ended);
     my @order = @queue;
 
     while (@queue || %running) {
@@ -239,6 +246,7 @@ for my $test (map { @{ $_->{tests} } } @mutants) {
 }
 
 make_path($work);
+unlink glob "$work/*.outcome";
 copy_tree('.', "$work/control");
 my $bad = 0;
 for my $mutant (@mutants) {             # at once, not after minutes
@@ -272,7 +280,7 @@ do_all(sub {
     print "\n$job->{fault}\n" if $fault ne $job->{fault};
     $fault = $job->{fault};
     printf "    %-8s  %s\n%14s%s%s\n", $kind, $job->{name}, '', $test ? "$test: " : '',
-        substr $text, 0, 200;
+        substr $text // '', 0, 160;
     $count{$kind}++;
 }, @mutants);
 printf "\n%d mutants, %d caught, %d survived, %d broken; %d s\n", scalar @mutants,

@@ -21,14 +21,20 @@
 
 /* ---- maps ---- */
 
-typedef enum content { SUNNY, DARK_PARTS, LAMP, HALVES, CONTENTS } content;
+typedef enum content { SUNNY, DARK_PARTS, LAMP, GLARE, HALVES, QUARTER, STARS } content;
 
-static const char *const content_names[] = { "a sun", "dark parts", "a lamp", "two halves" };
+#define TABLED (HALVES + 1)     /* the first of them have all tables made */
+
+static const char *const content_names[] = {
+    "a sun", "dark parts", "a lamp", "a glare", "two halves", "a quarter", "stars"
+};
 
 static float pixels[WIDTH * HEIGHT];
 
 /* A sky with a sun of four texels; a map whose lower half and some columns are black; one lamp of a
-   texel in the seam column of a dim room; 1 and 3, in quarters. */
+   texel in the seam column of a dim room; a sun beside which nothing has a share of 2^-24; 1 and 3,
+   in four quarters; 1 round to u = 1/4, then 3; lamps of a texel, and below them an even ground
+   that is as bright. */
 static envsamp_image make_map(content kind)
 {
     pcg32 random = pcg32_make(7, (uint64_t)kind);
@@ -44,6 +50,9 @@ static envsamp_image make_map(content kind)
             case SUNNY: *texel = sun ? 1e5f : 1.0f + noise; break;
             case DARK_PARTS: *texel = y >= HEIGHT / 2 || x % 8 == 3 ? 0.0f : noise; break;
             case LAMP: *texel = x == 0 && y == 5 ? 1e3f : 0.5f; break;
+            case GLARE: *texel = sun ? 1e12f : 1.0f; break;
+            case QUARTER: *texel = x < WIDTH / 4 ? 1.0f : 3.0f; break;
+            case STARS: *texel = y >= HEIGHT / 2 ? 30.0f : noise < 0.1f ? 300.0f : 0.1f; break;
             default: *texel = (x < WIDTH / 2) == (y < HEIGHT / 2) ? 1.0f : 3.0f;
             }
         }
@@ -122,12 +131,12 @@ static sums sum_up(const sampler *s, int bilinear)
 }
 
 /* What it does, by draws. */
-typedef struct draws { double mean; int differ, dark, u_is_1; } draws;
+typedef struct draws { double mean; int differ, dark, black, u_is_1; } draws;
 
 static draws draw_all(const sampler *s, int bilinear)
 {
     pcg32 random = pcg32_make(1, 2);
-    draws d = { 0.0, 0, 0, 0 };
+    draws d = { 0.0, 0, 0, 0, 0 };
     int i, j;
 
     for (j = 0; j < STRATA; j++)
@@ -140,6 +149,7 @@ static draws draw_all(const sampler *s, int bilinear)
             d.mean += light / (double)sample.pdf / STRATA / STRATA;
             d.differ += sampler_pdf(s, sample.dir) != sample.pdf;
             d.dark += !(sample.pdf > 0.0f);
+            d.black += !(light > 0.0);
             d.u_is_1 += !(sample.uv[0] < 1.0f);
         }
     return d;
@@ -173,19 +183,19 @@ static void test_table(content what, int kind, int bilinear, int blocks)
     second = t.second / t.light / t.light;
     ratio = t.ratio / t.light;
     CHECK(!t.dark && fabs(t.pdf - 1.0) <= room
-          && fabs(info.integral / t.light - 1.0) <= (bilinear ? 2e-3 : 1e-6), "%s of %s, %d blocks,"
+          && fabs(info.integral / t.light - 1.0) <= (bilinear ? 2e-4 : 1e-6), "%s of %s, %d blocks,"
           " bilinear %d: the pdf integrates to %.6f, and is 0 at %d lit points; the integral is "
           "%.1e off", sampler_names[kind], content_names[what], blocks, bilinear, t.pdf, t.dark,
           info.integral / t.light - 1.0);
-    CHECK(fabs((1.0 + info.excess_variance) / second - 1.0) <= room, "excess variance %.6f, told "
-          "%.6f", second - 1.0, info.excess_variance);
+    CHECK(fabs((1.0 + info.excess_variance) / second - 1.0) <= 0.5 * room, "excess variance %.6f, "
+          "told %.6f", second - 1.0, info.excess_variance);
     CHECK(ratio <= info.max_ratio * (bilinear ? 1.0 + 2e-3 : 1.0 + 1e-5)
           && (!whole || ratio >= info.max_ratio * (1.0 - 1e-5)), "largest ratio %.6f, told %.6f",
           ratio, info.max_ratio);
     CHECK(!d.dark && !d.u_is_1 && d.differ * 1000 < STRATA * STRATA
-          && fabs(d.mean / t.light - 1.0) < rough, "E[L/pdf] is %.1e off; in %d draws pdf(dir) "
-          "differs, in %d it is 0, in %d u is 1", d.mean / t.light - 1.0, d.differ, d.dark,
-          d.u_is_1);
+          && (kind != SAMPLER_CDF || bilinear || !d.black) && fabs(d.mean / t.light - 1.0) < rough,
+          "E[L/pdf] is %.1e off; in %d draws pdf(dir) differs, in %d it is 0, in %d the map is, in "
+          "%d u is 1", d.mean / t.light - 1.0, d.differ, d.dark, d.black, d.u_is_1);
     sampler_free(&s);
 }
 
@@ -211,6 +221,22 @@ static void test_sun(content what, int kind, int bilinear)
           "bilinear %d: excess variance %.6f, at most %.6f", sampler_names[kind],
           content_names[what], bilinear, s.result == ENVSAMP_OK
           ? sampler_get_info(&s).excess_variance : -1.0, most);
+    sampler_free(&s);
+}
+
+/* Blocks that a lamp is in beside dim texels are drawn more often than by their light: by the root
+   of the mean square, which costs least: 2.5 and 2.2. By light alone it is 3.1 and 3.0. */
+static void test_stars(int kind, double most)
+{
+    const envsamp_image map = make_map(STARS);
+    sampler_request request = sampler_ask(kind, &map, 8);
+    double excess;
+    sampler s;
+
+    sampler_make(&s, &request);
+    excess = s.result == ENVSAMP_OK ? sampler_get_info(&s).excess_variance : DBL_MAX;
+    CHECK(excess <= most, "%s of stars: excess variance %.6f, at most %.6f", sampler_names[kind],
+          excess, most);
     sampler_free(&s);
 }
 
@@ -245,6 +271,22 @@ static void test_edges(int kind)
           sampler_names[kind]);
     envsamp_dir_to_uv(ENVSAMP_LATLONG, seam, uv);
     CHECK(uv[0] < 1.0f, "u of a direction is below 1: %.9g", (double)uv[0]);
+    sampler_free(&s);
+}
+
+/* The same where no cell of a grid begins: an edge at u = 1/4 between two blocks. */
+static void test_quarter(int kind)
+{
+    const envsamp_image map = make_map(QUARTER);
+    const sampler_request request = sampler_ask(kind, &map, 2);
+    const float on[3] = { 0.0f, 1.0f, 0.5f }, before[3] = { 1e-3f, 1.0f, 0.5f };
+    const float after[3] = { -1e-3f, 1.0f, 0.5f };
+    sampler s;
+
+    sampler_make(&s, &request);
+    CHECK(s.result == ENVSAMP_OK && sampler_pdf(&s, on) == sampler_pdf(&s, after)
+          && sampler_pdf(&s, before) < sampler_pdf(&s, after), "%s: u = 1/4 is after it",
+          sampler_names[kind]);
     sampler_free(&s);
 }
 
@@ -373,12 +415,13 @@ int main(void)
     int kind, i, k;
 
     for (kind = 0; kind < SAMPLER_KINDS; kind++) {
-        for (i = 0; i < CONTENTS; i++)
+        for (i = 0; i < TABLED; i++)
             for (k = kind == SAMPLER_CDF ? 2 : 0; k < 3; k++) {
                 test_table((content)i, kind, 0, blocks[k]);
                 test_table((content)i, kind, 1, blocks[k]);
             }
         test_edges(kind);
+        test_quarter(kind);
         test_u_of_1(kind, 1);
         test_u_of_1(kind, 150);
         test_smallest(kind);
@@ -386,6 +429,8 @@ int main(void)
     for (kind = 0; kind < SAMPLER_KINDS; kind++)
         for (i = 0; i < 4; i++)
             test_sun(i / 2 ? LAMP : SUNNY, kind, i % 2);
+    test_stars(SAMPLER_WARP, 2.7);
+    test_stars(SAMPLER_ALIAS, 2.5);
     test_warp_edges();
     test_every_draw(SUNNY, 300);
     test_every_draw(DARK_PARTS, 1000);
