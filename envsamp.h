@@ -65,9 +65,10 @@
  *
  * LOOKUPS. A table is made for one way to look the map up. `bilinear`, the default: between texel
  * centres, as most renderers and every GPU do; density is then above zero wherever such a lookup
- * is, but for rounding, and all figures are those of the interpolated map. Without it, lookups must take the nearest
- * texel: looked up bilinearly, a table for nearest texels misses 4 to 40 % of the light of a lamp.
- * The other way round nothing is missed, but there is more noise. envsamp_lookup does both.
+ * is, but for rounding, and all figures are those of the interpolated map. Without it, lookups
+ * must take the nearest texel: looked up bilinearly, a table for nearest texels misses 4 to 40 %
+ * of the light of a lamp. The other way round nothing is missed, but there is more noise.
+ * envsamp_lookup does both.
  *
  * MIS COMPENSATION [8]. With `mis_compensation` above 0, that many times the mean luminance of the
  * map is subtracted from every texel before a table is made: what is dim on all sides is left to
@@ -401,10 +402,10 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
 
 /* ---- cdf: inversion over texels ------------------------------------------------------------ */
 
-/* The map at full resolution, at some 4.5 bytes a texel where kd needs 100 to 400 KB in all. Without
-   `bilinear` there is no excess variance. With it there is that within cells between texel centres,
-   which are drawn evenly: 0.001 to 0.05 for most maps, 0.8 for a lone texel, to which kd gives
-   smaller blocks. */
+/* The map at full resolution, at some 4.5 bytes a texel where kd needs 100 to 400 KB in all.
+   Without `bilinear` there is no excess variance. With it there is that within cells between texel
+   centres, which are drawn evenly: 0.001 to 0.05 for most maps, 0.8 for a lone texel, to which kd
+   gives smaller blocks. */
 typedef struct envsamp_cdf_desc {
     float mis_compensation;          /* 0 none .. 1 full: see MIS COMPENSATION; default 0 */
     int bilinear;                    /* nonzero: radiance is looked up bilinearly; default 1 */
