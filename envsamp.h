@@ -404,8 +404,8 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
 
 /* The map at full resolution, at some 4.5 bytes a texel where kd needs 100 to 400 KB in all.
    Without `bilinear` there is no excess variance. With it there is that within cells between texel
-   centres, which are drawn evenly: 0.001 to 0.05 for most maps, 0.8 for a lone texel, to which kd
-   gives smaller blocks. */
+   centres, which are drawn evenly: 0.003 to 0.2 for real maps, 0.8 for a lone texel, of which kd
+   makes smaller blocks. */
 typedef struct envsamp_cdf_desc {
     float mis_compensation;          /* 0 none .. 1 full: see MIS COMPENSATION; default 0 */
     int bilinear;                    /* nonzero: radiance is looked up bilinearly; default 1 */
@@ -4588,7 +4588,7 @@ ENVSAMP__HOT envsamp__diamond envsamp__to_diamond(float x, float y, float z, flo
     t = 2.0f - ENVSAMP_COPYSIGNF(1.0f + ENVSAMP_COPYSIGNF(1.0f, x) - ENVSAMP_COPYSIGNF(t, x), y);
     d.valid = sum > 0.0f && sum <= FLT_MAX;
     q = 1.0f - ENVSAMP_COPYSIGNF(1.0f - r / (d.valid ? sum : 1.0f), z);
-    d.azimuth = d.valid ? t : 0.0f;
+    d.azimuth = d.valid && side > 0.0f ? t : 0.0f;      /* at a pole whatever the signs of zeros */
     d.polar = d.valid ? q : 0.0f;
     return d;
 }
@@ -4605,8 +4605,7 @@ ENVSAMP__HOT envsamp__diamond envsamp__octahedral_place(float x, float y, float 
     return d;
 }
 
-/* A direction in the coordinates of a map, of which that is the `polar_end`. Adding 0 makes -0 the
-   same as 0. */
+/* A direction in the coordinates of a map, of which that is the `polar_end`. */
 ENVSAMP__HOT envsamp__diamond envsamp__place(uint32_t mapping, float polar_end, float x, float y,
                                              float z, float r)
 {
@@ -4614,8 +4613,9 @@ ENVSAMP__HOT envsamp__diamond envsamp__place(uint32_t mapping, float polar_end, 
 
     if (mapping == ENVSAMP_OCTAHEDRAL)
         return envsamp__octahedral_place(x, y, z, r);
-    d = envsamp__to_diamond(x + 0.0f, y + 0.0f, z, r);
-    d.valid &= d.polar <= polar_end;
+    d = envsamp__to_diamond(x, y, z, r);
+    if (mapping == ENVSAMP_HEMISPHERE)
+        d.valid &= d.polar <= polar_end;
     return d;
 }
 
@@ -5474,7 +5474,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
 
     ENVSAMP_ASSERT(kd && dir && u);
     u[0] = u[1] = 0.0f;
-    d = envsamp__place(kd->mapping, kd->polar_end, dir[0], dir[1], dir[2],
+    d = envsamp__place(kd->mapping, kd->polar_end, dir[0], dir[1] + 0.0f, dir[2],
                        ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (kd->select != ENVSAMP_KD_WARP || !d.valid)
         return 0;
@@ -5642,9 +5642,9 @@ ENVSAMP__HOT void envsamp__pdf_batch(const envsamp_kd *kd, int n, const float *x
         link[i] = envsamp__grid_link(kd, d);
     }
     for (i = 0; i < n && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
-        envsamp__diamond d = envsamp__place(ENVSAMP_LATLONG, kd->polar_end, x[i], y[i], z[i],
-                                            r[i]);
+        envsamp__diamond d = envsamp__to_diamond(x[i], y[i], z[i], r[i]);
 
+        d.valid &= d.polar <= kd->polar_end;
         place[i] = envsamp__place_bits(d);
         link[i] = envsamp__grid_link(kd, d);
     }

@@ -5,8 +5,8 @@
 #
 # tests/mutants.txt lists them; with WORDs only those that have one in their name or fault are put
 # back. The copies are in build/mutants/; what is in there may be deleted. First, as a control, the
-# tests must pass without a fault; with -k it goes on with those that do. The exit status is 0 if all
-# pass and every fault is caught: by a test point that fails, a crash, or a test that does not end.
+# tests must pass without a fault; with -k it goes on with those that do. The exit status is 0 if
+# all pass and every fault is caught: by a test point that fails, a crash, or a test without end.
 use strict;
 use warnings;
 use Cwd qw(abs_path);
@@ -42,7 +42,7 @@ sub read_list {
     open my $in, '<', $path or fail "$path: $!";
     while (<$in>) {
         chomp;
-        next if /^\s*(#\s|$)/;
+        next if /^\s*(#(\s|$)|$)/;
         if (/^\s/) {
             $mutants[-1]{edits}[-1][2] .= "\n$_";
             next;

@@ -313,6 +313,37 @@ static void test_warp_edges(void)
     sampler_free(&s);
 }
 
+/* The first and the last numbers of each texel of a cdf draw it. Beside a glare most dark texels
+   have one number only, which has to lie inside for pdf(dir) to be theirs. */
+static void test_cdf_edges(content what)
+{
+    const envsamp_image map = make_map(what);
+    const sampler_request request = sampler_ask(SAMPLER_CDF, &map, 1);
+    int i, count = 0, wrong = 0, differ = 0;
+    sampler s;
+
+    sampler_make(&s, &request);
+    for (i = 0; s.result == ENVSAMP_OK && i < 2 * WIDTH * HEIGHT; i++) {
+        const uint32_t x = (uint32_t)(i / 2 % WIDTH), y = (uint32_t)(i / 2 / WIDTH);
+        const uint32_t *down = envsamp__cdf_words(s.cdf, s.cdf->row_edges_at) + y;
+        const uint32_t *across = envsamp__cdf_edges(s.cdf, y) + x, last = (uint32_t)(i % 2);
+        const float pdf = envsamp__cdf_parts_pdf(s.cdf, y, x, across[1] - across[0]);
+        envsamp_sample sample;
+
+        if (down[0] == down[1] || across[0] == across[1])
+            continue;
+        sample = sampler_draw(&s, (float)(across[last] - last) / (float)UNIT,
+                              (float)(down[last] - last) / (float)UNIT);
+        wrong += sample.pdf != pdf;
+        differ += sampler_pdf(&s, sample.dir) != pdf;
+        count++;
+    }
+    CHECK(count > 0 && !wrong && (what != GLARE || differ * 10 < count), "cdf of %s: of %d numbers"
+          " at edges %d draw another texel; pdf(dir) differs in %d", content_names[what], count,
+          wrong, differ);
+    sampler_free(&s);
+}
+
 /* Numbers that are none of [0, 1) draw as the nearest that is, and none draws a u of 1. */
 static void test_u_of_1(int kind, int blocks)
 {
@@ -409,6 +440,171 @@ static void test_smallest(int kind)
     CHECK(!black, "%s: black ones are refused, but %d", sampler_names[kind], black);
 }
 
+/* ---- sums ---- */
+
+/* Rows of 16384 texels, or as many rows, of nearly the same value: in floats sums of them are 1e-7
+   to 1e-5 off. With MIS compensation the integral is summed up ahead of the build. */
+static void test_long_sums(int kind, int width, int height)
+{
+    float *values = (float *)kd_allocate((size_t)width * (size_t)height * sizeof *values);
+    const envsamp_image map = kd_image(values, width, height, 1);
+    pcg32 random = pcg32_make(5, 5);
+    double sum = 0.0, off[2];
+    int x, y, i;
+
+    for (y = 0; y < height; y++) {
+        const double middle = KD_PI * (y + 0.5) / height, half = 0.5 * KD_PI / height;
+        const double sr = 4.0 * KD_PI / width * sin(middle) * sin(half);
+
+        for (x = 0; x < width; x++) {
+            values[y * width + x] = 0.7f + 0.01f * pcg32_float(&random);
+            sum += (double)values[y * width + x] * sr;
+        }
+    }
+    for (i = 0; i < 2; i++) {
+        sampler_request request = sampler_ask(kind, &map, 16);
+        sampler s;
+
+        request.compensation = 0.5f * (float)i;
+        off[i] = sampler_make(&s, &request) ? sampler_get_info(&s).integral / sum - 1.0 : 1.0;
+        sampler_free(&s);
+    }
+    CHECK(fabs(off[0]) < 1e-9 && fabs(off[1]) < 1e-9, "%s of %dx%d: the integral is %.1e off, and "
+          "%.1e with compensation", sampler_names[kind], width, height, off[0], off[1]);
+    free(values);
+}
+
+/* ---- texels that are none ---- */
+
+/* One bad channel of a pixel among good ones makes the table that 0 there, or a black pixel, makes,
+   and is counted; 3 or 4 channels, in rows longer and shorter than what is read at a time. */
+static void test_bad_channels(int kind, int channels)
+{
+    const float bad[] = { -0.01f, NAN, INFINITY, -INFINITY };
+    float good[70 * 4], spoiled[70 * 4], mended[70 * 4];
+    int i, k, wrong = 0;
+
+    for (i = 0; i < 70 * 4; i++)
+        good[i] = 1.0f + 0.01f * (float)i;
+    for (i = 0; i < 4 * 3 * 2; i++) {
+        const int at = (i / 12 ? 66 : 5) * channels, black = i % 4 > 0;
+        envsamp_image map = kd_image(spoiled, 70, 1, channels);
+        sampler_request request = sampler_ask(kind, &map, 20);
+        sampler s, t;
+
+        memcpy(spoiled, good, sizeof good);
+        memcpy(mended, good, sizeof good);
+        spoiled[at + i / 4 % 3] = bad[i % 4];
+        mended[at + i / 4 % 3] = 0.0f;
+        for (k = 0; k < 3 && black; k++)
+            mended[at + k] = 0.0f;
+        sampler_make(&s, &request);
+        request.image.pixels = mended;
+        sampler_make(&t, &request);
+        wrong += s.result != ENVSAMP_OK || t.result != ENVSAMP_OK
+              || sampler_get_info(&s).bad_pixel_count != 1
+              || sampler_get_info(&s).integral != sampler_get_info(&t).integral;
+        sampler_free(&s);
+        sampler_free(&t);
+    }
+    CHECK(!wrong, "%s, %d channels: a bad one is 0 and counted, but in %d of 24",
+          sampler_names[kind], channels, wrong);
+}
+
+/* ---- damage ---- */
+
+/* Whether a table opens with one bit of its integral turned over, and the checksum as it was. */
+static int opens_flipped(sampler *s)
+{
+    unsigned char *byte = (unsigned char *)s->table.buffer.data
+                        + (s->cdf ? offsetof(envsamp_cdf, integral) : offsetof(envsamp_kd, integral));
+    int opens;
+
+    *byte ^= 1;
+    opens = sampler_opens(s);
+    *byte ^= 1;
+    return opens;
+}
+
+/* Whether a table whose word at an offset is replaced opens, with its checksum made right. */
+static int opens_with(sampler *s, size_t at, uint32_t word)
+{
+    unsigned char *byte = (unsigned char *)s->table.buffer.data;
+    uint32_t kept, sum;
+    int opens;
+
+    memcpy(&kept, byte + at, 4);
+    memcpy(byte + at, &word, 4);
+    if (s->cdf) {
+        sum = envsamp__cdf_checksum(s->cdf);
+        memcpy(byte + offsetof(envsamp_cdf, checksum), &sum, 4);
+    } else {
+        sum = envsamp__checksum(s->kd);
+        memcpy(byte + offsetof(envsamp_kd, checksum), &sum, 4);
+    }
+    opens = sampler_opens(s);
+    memcpy(byte + at, &kept, 4);
+    return opens;
+}
+
+/* 40 blocks: 64 bins, whose words are own << 6 | alias, so not every alias is a block. */
+static void test_damaged_kd(int kind)
+{
+    const envsamp_image map = make_map(SUNNY);
+    const sampler_request request = sampler_ask(kind, &map, 40);
+    const uint32_t room = 1u << 18, back = 0x80000000u, infinite = 0x7f800000u;
+    int opened = 0, whole;
+    sampler s;
+
+    sampler_make(&s, &request);
+    if (s.result != ENVSAMP_OK || s.kd->block_count != 40) {
+        CHECK(0, "%s: a table of 40 blocks", sampler_names[kind]);
+        sampler_free(&s);
+        return;
+    }
+    whole = opens_with(&s, offsetof(envsamp_kd, unused), 0);
+    opened += opens_with(&s, s.kd->nodes_at + 12 * 5 + 4, back | 5);        /* to itself */
+    opened += opens_with(&s, s.kd->nodes_at + 12 * 5 + 8, back | 40);
+    opened += opens_with(&s, s.kd->nodes_at + 12 * 5 + 8, infinite);
+    opened += opens_with(&s, s.kd->grid_at + 16, back | 39);
+    if (kind != SAMPLER_WARP)
+        opened += opens_with(&s, s.kd->pdf_at + 8, infinite);
+    if (kind == SAMPLER_ALIAS) {
+        opened += opens_with(&s, s.kd->alias_at, 40);
+        opened += opens_with(&s, s.kd->alias_at, (room + 1) << 6);
+        opened += opens_with(&s, s.kd->alias_at + 4 * 63, 1u << 6);
+    }
+    CHECK(whole && !opened, "%s: damaged tables with the right checksum: %d open",
+          sampler_names[kind], opened);
+    CHECK(!opens_flipped(&s), "nor with the wrong one");
+    sampler_free(&s);
+}
+
+static void test_damaged_cdf(void)
+{
+    const envsamp_image map = make_map(SUNNY);
+    const sampler_request request = sampler_ask(SAMPLER_CDF, &map, 1);
+    uint32_t guides;
+    int opened = 0, whole;
+    sampler s;
+
+    if (!sampler_make(&s, &request)) {
+        CHECK(0, "cdf: a table");
+        sampler_free(&s);
+        return;
+    }
+    memcpy(&guides, (const char *)s.table.buffer.data + s.cdf->guide_at, 4);
+    whole = opens_with(&s, offsetof(envsamp_cdf, unused), 0);
+    opened += opens_with(&s, s.cdf->guide_at, guides + 1);
+    opened += opens_with(&s, s.cdf->edges_at, 1);
+    opened += opens_with(&s, s.cdf->edges_at + 4 * WIDTH, UNIT - 1);
+    opened += opens_with(&s, s.cdf->edges_at + 4 * 7, UNIT + 1);
+    opened += opens_with(&s, s.cdf->rows_at + 8, 0x7f800000u);              /* density */
+    CHECK(whole && !opened, "cdf: damaged tables with the right checksum: %d open", opened);
+    CHECK(!opens_flipped(&s), "nor with the wrong one");
+    sampler_free(&s);
+}
+
 int main(void)
 {
     const int blocks[] = { 1, 60, 500 };
@@ -425,13 +621,23 @@ int main(void)
         test_u_of_1(kind, 1);
         test_u_of_1(kind, 150);
         test_smallest(kind);
+        test_long_sums(kind, 16384, 4);
+        test_long_sums(kind, 4, 16384);
+        test_bad_channels(kind, 3);
+        test_bad_channels(kind, 4);
     }
+    for (kind = 0; kind < SAMPLER_CDF; kind++)
+        test_damaged_kd(kind);
+    test_damaged_cdf();
     for (kind = 0; kind < SAMPLER_KINDS; kind++)
         for (i = 0; i < 4; i++)
             test_sun(i / 2 ? LAMP : SUNNY, kind, i % 2);
     test_stars(SAMPLER_WARP, 2.7);
     test_stars(SAMPLER_ALIAS, 2.5);
     test_warp_edges();
+    test_cdf_edges(SUNNY);
+    test_cdf_edges(DARK_PARTS);
+    test_cdf_edges(GLARE);
     test_every_draw(SUNNY, 300);
     test_every_draw(DARK_PARTS, 1000);
     return check_done();
