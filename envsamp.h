@@ -31,13 +31,13 @@
  * WHICH SAMPLER
  *
  *     select             blocks are drawn      points    time  invert  take it when
- *     ENVSAMP_KD_WARP    by inversion, exact   stay      1.4   yes     the default: strata of Sobol
+ *     ENVSAMP_KD_WARP    by inversion, exact   stay      1.5   yes     the default: strata of Sobol
  *                                              strata                  points or pixels are kept,
  *                                                                      at N = 256 a third or less
  *                                                                      of the error of ALIAS
  *     ENVSAMP_KD_ALIAS   by alias, exact and   become    1     no      numbers are random anyway:
  *                        of least variance     random                  fastest, least variance
- *     ENVSAMP_KD_FIT     by an analytic pdf    become    1.7   no      to compare with [1]: 15 %
+ *     ENVSAMP_KD_FIT     by an analytic pdf    become    1.7   no      to compare with [1]: 11 %
  *                        [1]                   random                  smaller, 5 to 60 % more
  *                                                                      variance, up to 140 %
  *
@@ -300,9 +300,9 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
 
 /* Builds the table of a map. *kd points into table.data, and is NULL after a failure. Stops early,
    with fewer blocks, when every block is flat. table, scratch and pixels must not overlap.
-   Time: some passes over the pixels, and log(blocks) per block; WARP takes twice as long as ALIAS.
-   RANGE reads the texels of each block once more; FIT makes some hundred passes over the blocks,
-   POWER some thousand.
+   Time: some passes over the pixels, and log(blocks) per block; WARP takes two to three times as
+   long as ALIAS. RANGE reads the texels of each block once more; FIT makes some hundred passes over
+   the blocks, POWER some thousand.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY or _ALIGN.
    Source: [1, algorithms 1 to 3], with importance weighed by solid angle, which [1] leaves out,
    and uniform sampling of solid angle within a block. WARP is ours; where the unit square has no

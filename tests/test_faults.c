@@ -516,8 +516,8 @@ static void test_bad_channels(int kind, int channels)
 /* Whether a table opens with one bit of its integral turned over, and the checksum as it was. */
 static int opens_flipped(sampler *s)
 {
-    unsigned char *byte = (unsigned char *)s->table.buffer.data
-                        + (s->cdf ? offsetof(envsamp_cdf, integral) : offsetof(envsamp_kd, integral));
+    const size_t at = s->cdf ? offsetof(envsamp_cdf, integral) : offsetof(envsamp_kd, integral);
+    unsigned char *byte = (unsigned char *)s->table.buffer.data + at;
     int opens;
 
     *byte ^= 1;
@@ -599,7 +599,7 @@ static void test_damaged_cdf(void)
     opened += opens_with(&s, s.cdf->edges_at, 1);
     opened += opens_with(&s, s.cdf->edges_at + 4 * WIDTH, UNIT - 1);
     opened += opens_with(&s, s.cdf->edges_at + 4 * 7, UNIT + 1);
-    opened += opens_with(&s, s.cdf->rows_at + 8, 0x7f800000u);              /* density */
+    opened += opens_with(&s, s.cdf->rows_at + offsetof(envsamp__cdf_row, density), 0x7f800000u);
     CHECK(whole && !opened, "cdf: damaged tables with the right checksum: %d open", opened);
     CHECK(!opens_flipped(&s), "nor with the wrong one");
     sampler_free(&s);
