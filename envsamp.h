@@ -3087,6 +3087,9 @@ static int envsamp__grow(envsamp__tree *tree, int wanted)
  *     2048, a third    0.0064  0.192     0.99  1.3      0.93
  *     4096             0.0111  0.301     0.36  0.45     1.21
  *
+ * That is for nearest texels. With bilinear lookups 2048 tiles leave 0.0078 and 0.139, ALIAS, which
+ * has no tiles to keep, 0.0062 and 0.117.
+ *
  * Also tried, and no better: polar angle first, all cuts across one axis before the other (RMSE 5,
  * and 10 or 26 % above); halving root mean squares of 2x2 texels, or the Q of a first tree's
  * blocks, instead of light (excess 8 times, and the same); weighing splits by the light of their
