@@ -28,7 +28,7 @@ TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 TEST_AID := $(filter-out $(wildcard tests/test_*.c),$(wildcard tests/*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 
-.PHONY: help demo test bench scale fuzz mutants figures convergence data setup clean
+.PHONY: help demo test bench scale fuzz mutants figures convergence halftone data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -67,6 +67,9 @@ figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; PO
 convergence: $(BUILD)/convergence  ## error of irradiance over the number of samples, and a plot
 	@mkdir -p $(BUILD)/pictures
 	$(BUILD)/convergence -o $(BUILD)/pictures/convergence.png
+
+halftone: $(BUILD)/halftone  ## error diffusion: evenness, error of irradiance, counts, time
+	$(BUILD)/halftone
 
 data: setup $(BUILD)/exr_to_pfm  ## fetch 18 real maps into data/
 	sh examples/common/fetch_data.sh $(DATA) $(BUILD)/exr_to_pfm
@@ -113,6 +116,9 @@ $(BUILD)/bench_batch: bench/bench_batch.c bench/input.c $(BUILD)/baselines.o $(C
 
 $(BUILD)/convergence: bench/convergence.c $(PLOTTED) $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/convergence.c $(PLOTTED) $(COMMON) -lm -o $@
+
+$(BUILD)/halftone: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c $(COMMON) -lm -o $@
 
 $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/figures.c $(COMMON) -lm -o $@

@@ -36,13 +36,13 @@ static inline double median(const double *values)
 }
 
 /* Of two measurements of the same rounds: a change of clock frequency meets both. */
-static inline double median_ratio(const double *times, const double *reference)
+static inline double median_ratio(const double *times, const double *yardstick)
 {
     double ratios[ROUND_COUNT];
     int i;
 
     for (i = 0; i < ROUND_COUNT; i++)
-        ratios[i] = times[i] / reference[i];
+        ratios[i] = times[i] / yardstick[i];
     return median(ratios);
 }
 
