@@ -45,6 +45,10 @@
  *                        texels                strata                  texel: no excess variance,
  *                                                                      4.5 bytes a texel
  *
+ * And without a table, all samples of a map at once, by error diffusion: envsamp_halftone for an
+ * importance map that is used but once, such as light x BRDF x cosine at one point; envsamp_lights
+ * for an engine that wants the map as some directional lights.
+ *
  * A table of 6144 blocks, the default, replaces the CDF of a map of any resolution. What it loses
  * against that is `excess_variance`, which envsamp_kd_get_info tells exactly.
  *
@@ -97,7 +101,6 @@
  *
  * examples/common/placement.h has these functions to take over, examples/placement.c checks them.
  *
-
  * GUARANTEES
  * - No heap, no stdio, no globals, no recursion; one call uses less than 8 KiB of stack. Only
  *   memcpy, memset, memcmp and, unless overridden, square roots and assert are linked.
@@ -145,6 +148,16 @@
  *      2008
  *  [8] Karlik, Sik, Vevoda, Skrivan, Krivanek: MIS Compensation: Optimizing Sampling Techniques in
  *      Multiple Importance Sampling. ACM Transactions on Graphics, 2019
+ *  [9] Szirmay-Kalos, Szecsi, Penzov: Environment Mapping with Floyd-Steinberg Halftoning. GPU Pro,
+ *      2010
+ * [10] Floyd, Steinberg: An adaptive algorithm for spatial grayscale. Proceedings of the Society
+ *      for Information Display, 1976
+ * [11] Jarvis, Judice, Ninke: A survey of techniques for the display of continuous tone pictures on
+ *      bilevel displays. Computer Graphics and Image Processing, 1976
+ * [12] Stucki: MECCA, a multiple-error correction computation algorithm for bi-level image hardcopy
+ *      reproduction. IBM research report, 1981
+ * [13] Ostromoukhov: A simple and efficient error-diffusion algorithm. SIGGRAPH 2001
+ * [14] Devroye: Non-Uniform Random Variate Generation. 1986
  */
 #ifndef ENVSAMP_H
 #define ENVSAMP_H
@@ -530,7 +543,8 @@ typedef struct envsamp_halftone_desc {
    divided by. Each of M stands for S/M of the importance. */
 typedef struct envsamp_texel { int x, y; float probability; } envsamp_texel;
 
-/* Scratch of envsamp_halftone: at most three rows of doubles. table_bytes is 0. width and height
+/* Scratch of envsamp_halftone: 12 bytes a column, and 16 a cell across, at most a column; JARVIS
+   and STUCKI 24. table_bytes is 0. width and height
    are 1..65535. Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   const envsamp_halftone_desc *desc,
@@ -597,7 +611,7 @@ typedef struct envsamp_lights_info {
 
 ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
 
-/* Scratch of envsamp_lights: 8 bytes a row, at most three rows of doubles, 12 bytes a light.
+/* Scratch of envsamp_lights: 8 bytes a row, 12 to 28 a column, 12 a light.
    table_bytes is 0. `desc` NULL: the defaults. Needs the image's sizes, not its pixels.
    Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
@@ -6917,7 +6931,8 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
  * Error diffusion: importance is added up along a path over the map, a texel is chosen where the
  * sum passes half of S/M, and S/M is taken off it. What is left of the sum at the end of a cell is
  * its error, which a kernel splits between the next cells and those below. Rows of cells are
- * walked to and fro, a cell column by column, up and down:
+ * walked to and fro, a cell column by column, down first, then up; one that is worth n >= 2
+ * samples in 2 floor(sqrt(n / 2)) + 1 bands, each as a low cell that begins downwards:
  *
  *       +-----------+-----------+-----------+
  *       | 1 4 5 8 ->| 1 4 5 8 ->| 1 4 5 8   |      TEXELS: a cell is one texel, and the kernel as
@@ -6932,27 +6947,33 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
  * rounding and for texels that are brighter than S/M or black. Where as many samples are missing
  * as lit texels are left, all of these are chosen; after M, none.
  *
- * A kernel of a few texels cannot spread a handful of samples over thousands: until one column has
- * gathered half a sample, none is chosen, then a dozen are in one row, and the rows below are in
- * debt. [9] recommends to shift weight ahead where samples are few, "in the extreme case" all of
- * it; along rows of texels that makes strips, along rows of cells it makes compact regions of equal
- * light. RMS relative error of irradiance over 64 normals, geometric mean of 18 maps of 512x256,
- * and RMS error of the number of samples in 100 rectangles for 256 (random 0.107 and 4.9):
+ * A kernel of a few texels cannot spread a handful of samples over thousands: until a column has
+ * gathered half a sample none is chosen, then a dozen are in one row, and the rows below are in
+ * debt. [9] recommends to shift weight ahead where samples are few, in the extreme case all of it.
+ * Along rows of texels that makes strips; along rows of cells, compact regions of equal light. RMS
+ * relative error of irradiance over 64 normals, and RMS error of the number of samples, of 256, in
+ * 100 rectangles, geometric means of 18 maps of 512x256, with [10] unless said:
  *
- *     M                                           16     32     64    256   1024   rectangles
- *     TEXELS, [10]                              3.77   3.58   3.16   1.68   0.54      23.8
- *     - a random error in every column          1.07   1.27   1.76   1.49   0.59      23
- *     - warmed up on the map in a mirror        3.51   3.10   1.96   0.24   0.073      5.6
- *     - ahead 1 - 4 / spacing, warmed up        0.46   0.25   0.12   0.060  0.043      2.9
- *     Hilbert's curve, all ahead                0.16   0.090  0.058  0.016  0.0079     2.06
- *     CELLS, 2 a sample, kernel as it is        0.17   0.140  0.087  0.053  0.029      1.77
- *     -, a tenth of it below                    0.17   0.097  0.044  0.0099 0.0024     1.40
- *     -, 1 a sample; 4                          0.18   0.092  0.047  0.012  0.0028     1.60
+ *     samples                                    16     32     64    256    1024   rectangles
+ *     independent draws                        0.41   0.30   0.21   0.11   0.053     4.9
+ *     TEXELS                                   3.77   3.58   3.16   1.68   0.54     23.8
+ *     - a random error over every column       1.11   1.15   1.62   1.39   0.53     26.9
+ *     - warmed up on the map upside down       3.62   3.05   1.88   0.22   0.061     6.6
+ *     - [9], 1 - 4 / spacing ahead             2.59   1.91   1.37   0.68   0.34      7.9
+ *     - both                                   0.46   0.25   0.12   0.060  0.043     2.9
+ *     Hilbert's curve, all ahead               0.16   0.090  0.057  0.013  0.0036    1.49
+ *     CELLS, 2 a sample, the kernel as it is   0.17   0.121  0.085  0.051  0.027     1.64
+ *     - a tenth of it below                    0.17   0.097  0.044  0.0099 0.0024    1.40
+ *     - a hundredth                            0.17   0.091  0.045  0.0104 0.0025    1.45
+ *     - walked row by row instead              0.19   0.104  0.048  0.0117 0.0032    1.39
+ *     - 1 cell a sample instead of 2           0.18   0.092  0.047  0.0119 0.0028    1.60
+ *     - 4                                      0.19   0.105  0.051  0.0119 0.0034    1.39
+ *     - 2, and bands: as it is                 0.17   0.084  0.044  0.0098 0.0024    1.39
  *
- * (The last three with `repeat`, without which it is 0.013, 0.0068 and 2.1.)
+ * (From Hilbert's curve on with `repeat`. Without it the last line ends 0.0119, 0.0055, 1.94.)
  *
- * The sums of a whole column of a cell come first, many columns at a time; only where that takes
- * the sum over the threshold are its texels looked at one by one.
+ * The sums of all columns of some cells come first; only where one takes the sum over the
+ * threshold are its texels looked at.
  * ========================================================================================== */
 
 #define ENVSAMP__CELLS_PER_SAMPLE 2.0
@@ -6986,9 +7007,10 @@ typedef struct envsamp__halftone {
     double gap_unit;            /* RANDOM: importance by a unit of spacing */
     int across, down;           /* cells */
     int cell, strip, step;      /* where the scan is, and its direction */
-    int cell_end;               /* last column of the cell in that direction */
-    int up;                     /* whether the next column is walked upwards */
-    double mass;                /* of the cell, so far */
+    int x0, x1, y0, y1;         /* texels of the cell */
+    double mass;                /* of the cell */
+    double *sum;                /* importance of every column of the strip, */
+    int *lit_count;             /* and how many of its texels are above zero */
     double ahead;               /* error that waits for the cell after the next */
     double *row[3];             /* errors that wait for cells of this strip and the next two */
     envsamp__tap tap[ENVSAMP__TAPS];
@@ -7106,33 +7128,26 @@ static size_t envsamp__sum_row(const float *pixel, int channels, int width, doub
     return bad;
 }
 
-/* Importance of some columns between two rows, and how many of their texels are above zero. */
-typedef struct envsamp__stretch {
-    double sum[ENVSAMP__LANES];
-    int lit[ENVSAMP__LANES];
-} envsamp__stretch;
-
-/* Adds sums of `count` pixels, channel by channel. */
-static void envsamp__add_luminance(const double *sum, int channels, int count,
-                                   envsamp__stretch *columns)
+/* Adds the luminance of `count` sums of channels. */
+static void envsamp__add_luminance(const double *sum, int channels, int count, double *total)
 {
     int x;
 
     for (x = 0; x < count; x++, sum += channels)
-        columns->sum[x] += channels == 1 ? sum[0]
-                         : 0.2126 * sum[0] + 0.7152 * sum[1] + 0.0722 * sum[2];
+        total[x] += channels == 1 ? sum[0]
+                  : 0.2126 * sum[0] + 0.7152 * sum[1] + 0.0722 * sum[2];
 }
 
-/* The same of a run that is short, or may have bad pixels in it. */
+/* Adds a run that is short, or may have bad pixels in it. */
 static void envsamp__add_mended(const float *pixel, int channels, int count, double weight,
-                                envsamp__stretch *columns)
+                                double *total)
 {
     float luminance[ENVSAMP__LANES];
     int x;
 
     envsamp__luminance_row(pixel, channels, count, luminance);
     for (x = 0; x < count; x++)
-        columns->sum[x] += weight * (double)luminance[x];
+        total[x] += weight * (double)luminance[x];
 }
 
 /* How many of a row are above zero. */
@@ -7151,35 +7166,37 @@ static int envsamp__count_row(const float *row, int width)
     return lit;
 }
 
-static inline void envsamp__count_lit(const float *run, int count, envsamp__stretch *columns)
+static inline void envsamp__count_lit(const float *run, int count, int *lit)
 {
     int x;
 
     for (x = 0; x < count; x++)
-        columns->lit[x] += run[x] > 0.0f;
+        lit[x] += run[x] > 0.0f;
 }
 
-/* At most ENVSAMP__LANES columns. Lit texels are counted where there is one channel. */
+/* Importance of at most ENVSAMP__LANES columns between two rows, and, where there is one channel,
+   how many of their texels are above zero. */
 static void envsamp__sum_columns(const envsamp__grain *grain, int x, int count, int y0, int y1,
-                                 envsamp__stretch *columns)
+                                 double *total, int *lit)
 {
     int channels = grain->channels, whole = count == ENVSAMP__LANES, y;
     double sum[4 * ENVSAMP__LANES];
 
-    memset(columns, 0, sizeof *columns);
     memset(sum, 0, (size_t)(channels * ENVSAMP__LANES) * sizeof(double));
+    memset(total, 0, (size_t)count * sizeof(double));
+    memset(lit, 0, (size_t)count * sizeof(int));
     for (y = y0; y < y1; y++) {
         const float *pixel = envsamp__grain_at(grain, x, y);
         double weight = grain->row_sr ? grain->row_sr[y] : 1.0;
 
         if (!whole || !envsamp__add_chunk(pixel, channels, weight, sum))
-            envsamp__add_mended(pixel, channels, count, weight, columns);
+            envsamp__add_mended(pixel, channels, count, weight, total);
         if (channels == 1 && whole)
-            envsamp__count_lit(pixel, ENVSAMP__LANES, columns);
+            envsamp__count_lit(pixel, ENVSAMP__LANES, lit);
         else if (channels == 1)
-            envsamp__count_lit(pixel, count, columns);
+            envsamp__count_lit(pixel, count, lit);
     }
-    envsamp__add_luminance(sum, channels, count, columns);
+    envsamp__add_luminance(sum, channels, count, total);
 }
 
 /* ---- choosing ---- */
@@ -7218,20 +7235,63 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
     }
 }
 
-/* A column of a cell, whose texels count only if one of them is to be chosen. */
-static void envsamp__walk_column(envsamp__halftone *h, int x, int y0, int y1, double sum, int lit)
+/* Texels of a column between two rows. */
+static void envsamp__walk_texels(envsamp__halftone *h, int x, int y0, int y1, int up)
 {
     int y;
 
-    if (h->error + sum > h->threshold || envsamp__is_short(h, h->lit - lit)) {
-        for (y = 0; y < y1 - y0; y++)
-            envsamp__walk_texel(h, x, h->up ? y1 - 1 - y : y0 + y);
+    for (y = 0; y < y1 - y0; y++)
+        envsamp__walk_texel(h, x, up ? y1 - 1 - y : y0 + y);
+}
+
+/* A whole column of the cell, whose texels count only if one of them is to be chosen. */
+static void envsamp__walk_column(envsamp__halftone *h, int x, int up)
+{
+    if (h->error + h->sum[x] > h->threshold || envsamp__is_short(h, h->lit - h->lit_count[x])) {
+        envsamp__walk_texels(h, x, h->y0, h->y1, up);
     } else {
-        h->error += sum;
-        h->lit -= lit;
+        h->error += h->sum[x];
+        h->lit -= h->lit_count[x];
     }
-    h->mass += sum;
-    h->up = !h->up;
+}
+
+/* A row of the cell's columns, the step-th way, all of their height or a part of it. */
+static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
+{
+    int width = h->x1 - h->x0, i;
+
+    for (i = 0; i < width; i++) {
+        int x = step > 0 ? h->x0 + i : h->x1 - 1 - i;
+
+        if (y1 - y0 == h->y1 - h->y0)
+            envsamp__walk_column(h, x, i & 1);
+        else
+            envsamp__walk_texels(h, x, y0, y1, i & 1);
+    }
+}
+
+/* Where a part begins, if `count` of them share `length` texels out. */
+static int envsamp__part_edge(int part, int count, int length)
+{
+    return part == 0 ? 0 : part == count ? length : (int)((int64_t)part * length / count);
+}
+
+/* Bands keep samples from standing in lines where they are dense. Their number is odd, so that the
+   way out of a cell is that of the scan. RANDOM has no use for them. */
+static void envsamp__walk_cell(envsamp__halftone *h)
+{
+    int height = h->y1 - h->y0, bands = 1, i;
+
+    if (h->mass >= 2.0 * h->quantum && !(h->gap_unit > 0.0)) {
+        double pairs = ENVSAMP_SQRT(0.5 * h->mass / h->quantum);
+
+        bands = 2 * (int)(pairs < (double)height ? pairs : (double)height) + 1;
+        bands = envsamp__min(bands, height - !(height & 1));
+    }
+    for (i = 0; i < bands; i++)
+        envsamp__walk_band(h, i & 1 ? -h->step : h->step,
+                           h->y0 + envsamp__part_edge(i, bands, height),
+                           h->y0 + envsamp__part_edge(i + 1, bands, height));
 }
 
 /* ---- diffusing ---- */
@@ -7335,48 +7395,26 @@ static void envsamp__diffuse(envsamp__halftone *h)
     h->error = next;
 }
 
-/* Where a cell begins, if `count` of them share `length` texels out. */
-static int envsamp__cell_edge(int cell, int count, int length)
-{
-    return (int)((int64_t)cell * length / count);
-}
-
-/* Goes to a cell of the strip; none, past either end, is fine. */
-static void envsamp__enter_cell(envsamp__halftone *h, int cell)
-{
-    int edge = envsamp__cell_edge(h->step > 0 ? cell + 1 : cell, h->across, h->grain->width);
-
-    h->cell = cell;
-    h->cell_end = h->step > 0 ? edge - 1 : edge;
-    h->mass = 0.0;
-    if (cell >= 0 && cell < h->across)
-        h->error += h->row[0][cell];
-}
-
-/* A row of cells, all columns of it in the direction of the scan. */
+/* A row of cells in the direction of the scan. */
 static void envsamp__walk_strip(envsamp__halftone *h)
 {
-    int width = h->grain->width, forward = h->step > 0, from, i;
-    int y0 = envsamp__cell_edge(h->strip, h->down, h->grain->height);
-    int y1 = envsamp__cell_edge(h->strip + 1, h->down, h->grain->height);
-    envsamp__stretch columns;
+    int width = h->grain->width, forward = h->step > 0, edge, x, i;
 
-    h->up = 0;
-    envsamp__enter_cell(h, forward ? 0 : h->across - 1);
-    for (from = 0; from < width; from += ENVSAMP__LANES) {
-        int count = envsamp__min(ENVSAMP__LANES, width - from);
-        int x0 = forward ? from : width - from - count;
-
-        envsamp__sum_columns(h->grain, x0, count, y0, y1, &columns);
-        for (i = 0; i < count; i++) {
-            int at = forward ? i : count - 1 - i;
-
-            envsamp__walk_column(h, x0 + at, y0, y1, columns.sum[at], columns.lit[at]);
-            if (x0 + at != h->cell_end)
-                continue;
-            envsamp__diffuse(h);
-            envsamp__enter_cell(h, h->cell + h->step);
-        }
+    h->y0 = envsamp__part_edge(h->strip, h->down, h->grain->height);
+    h->y1 = envsamp__part_edge(h->strip + 1, h->down, h->grain->height);
+    for (x = 0; x < width; x += ENVSAMP__LANES)
+        envsamp__sum_columns(h->grain, x, envsamp__min(ENVSAMP__LANES, width - x), h->y0, h->y1,
+                             h->sum + x, h->lit_count + x);
+    for (i = 0, edge = forward ? 0 : width; i < h->across; i++) {
+        h->cell = forward ? i : h->across - 1 - i;
+        h->x0 = forward ? edge : envsamp__part_edge(h->cell, h->across, width);
+        h->x1 = forward ? envsamp__part_edge(h->cell + 1, h->across, width) : edge;
+        edge = forward ? h->x1 : h->x0;
+        h->error += h->row[0][h->cell];
+        for (h->mass = 0.0, x = h->x0; x < h->x1; x++)
+            h->mass += h->sum[x];
+        envsamp__walk_cell(h);
+        envsamp__diffuse(h);
     }
 }
 
@@ -7409,6 +7447,8 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     envsamp__lay_cells(h, width, height);
     for (i = 0; i <= h->tap[h->tap_count - 1].below; i++)
         h->row[i] = (double *)envsamp__take(arena, (uint64_t)h->across, sizeof(double));
+    h->sum = (double *)envsamp__take(arena, (uint64_t)width, sizeof(double));
+    h->lit_count = (int *)envsamp__take(arena, (uint64_t)width, sizeof(int));
 }
 
 /* Where the scan chooses first. RANDOM: its draws, in their order, are as the sums of exponential
