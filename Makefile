@@ -28,7 +28,7 @@ TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 TEST_AID := $(filter-out $(wildcard tests/test_*.c),$(wildcard tests/*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 
-.PHONY: help demo lights test bench scale fuzz mutants figures convergence halftone data setup clean
+.PHONY: help demo lights test bench scale fuzz mutants figures convergence halftone scene data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -73,6 +73,9 @@ convergence: $(BUILD)/convergence  ## error of irradiance over the number of sam
 
 halftone: $(BUILD)/halftone  ## error diffusion: evenness, error of irradiance, counts, time
 	$(BUILD)/halftone
+
+scene: $(BUILD)/scene  ## a map as 16 to 64 lights, by every method, in a scene with shadows
+	$(BUILD)/scene
 
 data: setup $(BUILD)/exr_to_pfm  ## fetch 18 real maps into data/
 	sh examples/common/fetch_data.sh $(DATA) $(BUILD)/exr_to_pfm
@@ -125,6 +128,9 @@ $(BUILD)/convergence: bench/convergence.c $(PLOTTED) $(COMMON) $(HEADERS) | $(BU
 
 $(BUILD)/halftone: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c $(COMMON) -lm -o $@
+
+$(BUILD)/scene: bench/lights.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/lights.c bench/baselines.c $(COMMON) -lm -o $@
 
 $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/figures.c $(COMMON) -lm -o $@

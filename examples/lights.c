@@ -10,9 +10,13 @@
 #define ENVSAMP_IMPLEMENTATION
 #include "envsamp.h"
 
+enum { PUBLISHED, RANDOM, HALFTONE, MEDIAN_CUT, VARIANCE_CUT, RELAXED, METHOD_COUNT };
+
 #include "irradiance.h"
 #include "map_pictures.h"
 #include "maps.h"
+
+#define SPHERE_SAMPLERS METHOD_COUNT
 #include "spheres.h"
 
 #ifdef _WIN32
@@ -30,10 +34,14 @@
 #define TITLE_HEIGHT 26
 #define BALLS_AT (2 * ROW_HEIGHT + 8)
 
-enum { PUBLISHED, RANDOM, HALFTONE, METHOD_COUNT };
+#define ROW_WIDTH (BALLS_AT + SURFACE_COUNT * SPHERE_SIDE + 16)
 
-static const char *const methods[METHOD_COUNT] = {"ERROR DIFFUSION AS PUBLISHED",
-                                                  "RANDOM", "HALFTONE"};
+/* The published scan of error diffusion has no method of its own. */
+static const struct { const char *name; envsamp_lights_method id; } methods[METHOD_COUNT] = {
+    {"AS PUBLISHED", ENVSAMP_LIGHTS_HALFTONE}, {"RANDOM", ENVSAMP_LIGHTS_RANDOM},
+    {"HALFTONE", ENVSAMP_LIGHTS_HALFTONE}, {"MEDIAN CUT", ENVSAMP_LIGHTS_MEDIAN_CUT},
+    {"VARIANCE CUT", ENVSAMP_LIGHTS_VARIANCE_CUT}, {"RELAXED", ENVSAMP_LIGHTS_RELAXED}
+};
 
 typedef struct gallery {
     const char *folder, *name;
@@ -183,16 +191,17 @@ static void shade_balls(gallery *g)
 
 /* A circle whose area is the light's energy: red for a direct light, blue for the others, as in
    figure 5 of [Wu 2024]. */
-static void draw_light(picture *canvas, int top, const gallery *g, const envsamp_light *light)
+static void draw_light(picture *canvas, int left, int top, const gallery *g,
+                       const envsamp_light *light)
 {
     static const unsigned char direct[3] = {230, 40, 40}, indirect[3] = {40, 120, 255};
     const double share = (double)envsamp_luminance(light->irradiance) / g->luminance;
-    const double width = fmin(fmax(72.0 * sqrt(share), 4.0), 18.0);
+    const double width = fmin(fmax(72.0 * sqrt(share), 4.0), 26.0);
     float uv[2];
     double at[2];
 
     envsamp_dir_to_uv(ENVSAMP_LATLONG, light->dir, uv);
-    at[0] = (double)uv[0] * 2.0 * ROW_HEIGHT;
+    at[0] = (double)uv[0] * 2.0 * ROW_HEIGHT + left;
     at[1] = (double)uv[1] * ROW_HEIGHT + top;
     picture_line(canvas, at, at, width + 2.5, map_white);
     picture_line(canvas, at, at, width, light->direct ? direct : indirect);
@@ -215,22 +224,23 @@ static void draw_ball_with_error(picture *canvas, int x, int y, const gallery *g
 /* `method` REFERENCE: the map alone, and the spheres in all of its light. */
 static void draw_row(picture *canvas, const gallery *g, int row, int method)
 {
-    const int top = row * (ROW_HEIGHT + TITLE_HEIGHT) + TITLE_HEIGHT;
+    const int top = row / 2 * (ROW_HEIGHT + TITLE_HEIGHT) + TITLE_HEIGHT;
+    const int left = row % 2 * ROW_WIDTH;
     char title[96];
     int i, surface;
 
     snprintf(title, sizeof title, "%s: ALL OF THE MAP", g->name);
-    picture_map(canvas, 0, top, 2 * ROW_HEIGHT, ROW_HEIGHT, &g->map,
+    picture_map(canvas, left, top, 2 * ROW_HEIGHT, ROW_HEIGHT, &g->map,
                 map_exposure(&g->map, g->luminance));
     if (method != REFERENCE) {
-        snprintf(title, sizeof title, "%s, %d LIGHTS: IRRADIANCE RMSE %.3f", methods[method],
+        snprintf(title, sizeof title, "%s, %d LIGHTS: IRRADIANCE RMSE %.3f", methods[method].name,
                  g->count, g->rmse[method]);
         for (i = 0; i < g->count; i++)
-            draw_light(canvas, top, g, &g->lights[method][i]);
+            draw_light(canvas, left, top, g, &g->lights[method][i]);
     }
-    picture_text(canvas, 6, top - TITLE_HEIGHT + 6, 2, map_white, title);
+    picture_text(canvas, left + 6, top - TITLE_HEIGHT + 6, 2, map_white, title);
     for (surface = 0; surface < SURFACE_COUNT; surface++)
-        draw_ball_with_error(canvas, BALLS_AT + surface * SPHERE_SIDE, top + 34, g, surface,
+        draw_ball_with_error(canvas, left + BALLS_AT + surface * SPHERE_SIDE, top + 34, g, surface,
                              method);
 }
 
@@ -240,8 +250,8 @@ static int draw_gallery(const gallery *g)
     picture canvas;
     int method, ok;
 
-    if (!picture_alloc(&canvas, BALLS_AT + SURFACE_COUNT * SPHERE_SIDE,
-                       (METHOD_COUNT + 1) * (ROW_HEIGHT + TITLE_HEIGHT)))
+    if (!picture_alloc(&canvas, 2 * ROW_WIDTH,
+                       (METHOD_COUNT + 2) / 2 * (ROW_HEIGHT + TITLE_HEIGHT) + 12))
         return fail(g->name, "not enough memory");
     picture_fill(&canvas, 0, 0, canvas.width, canvas.height, map_ground);
     for (method = 0; method < METHOD_COUNT; method++)
@@ -273,10 +283,8 @@ static int make_all(gallery *g)
     envsamp_result result = make_published(g, g->lights[PUBLISHED]);
     int method;
 
-    if (result == ENVSAMP_OK)
-        result = make_lights(g, ENVSAMP_LIGHTS_RANDOM, g->lights[RANDOM]);
-    if (result == ENVSAMP_OK)
-        result = make_lights(g, ENVSAMP_LIGHTS_HALFTONE, g->lights[HALFTONE]);
+    for (method = RANDOM; method < METHOD_COUNT && result == ENVSAMP_OK; method++)
+        result = make_lights(g, methods[method].id, g->lights[method]);
     if (result != ENVSAMP_OK)
         return fail(g->name, envsamp_result_string(result));
     if (!irradiance_make(&g->exact, &g->map))
@@ -299,8 +307,8 @@ static int do_map(gallery *g)
     ok = make_all(g);
     if (ok) {
         for (method = 0; method < METHOD_COUNT; method++)
-            printf("%-10s %4d lights, %-30s irradiance RMSE %.4f\n", g->name, g->count,
-                   methods[method], g->rmse[method]);
+            printf("%-10s %4d lights, %-13s irradiance RMSE %.4f\n", g->name, g->count,
+                   methods[method].name, g->rmse[method]);
         shade_balls(g);
         MAKE_FOLDER(g->folder);         /* where it fails, so does the picture */
         ok = draw_gallery(g);
@@ -346,7 +354,7 @@ int main(int argc, char **argv)
         fprintf(stderr, USAGE);
         return EXIT_FAILURE;
     }
-    g.scratch.bytes = (size_t)4 << 20;
+    g.scratch.bytes = (size_t)16 << 20;
     g.scratch.data = malloc(g.scratch.bytes);
     ok = g.scratch.data ? 1 : fail("scratch", "not enough memory");
     if (name && ok)

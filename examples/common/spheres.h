@@ -31,7 +31,9 @@
 
 enum { DIFFUSE, GLOSSY, SURFACE_COUNT };
 
+#ifndef SPHERE_SAMPLERS
 #define SPHERE_SAMPLERS 4
+#endif
 #define REFERENCE SPHERE_SAMPLERS    /* the panel behind those of the samplers */
 #define PANEL_COUNT (SPHERE_SAMPLERS + 1)
 

@@ -1,0 +1,2124 @@
+/* test_lights_cuts.c: lights that are centroids of parts of a map: MEDIAN_CUT, VARIANCE_CUT and
+ * RELAXED, and their interleaved sets. Cuts are made again by brute force over the texels; weights
+ * of RELAXED must be the minimum of the energy distance that the header names.
+ */
+#include "check.h"
+
+#define ENVSAMP_IMPLEMENTATION
+#include "../envsamp.h"
+
+#include "kd_reference.h"
+#include "../examples/common/irradiance.h"
+#include "../examples/common/maps.h"
+
+#include <limits.h>
+
+#define ENERGY 1e-5             /* relative: what the lights sum to */
+#define INTEGRAL 1e-10          /* relative: a sum of doubles */
+#define LEAST 1.5e-45           /* as far apart are floats below 1e-38 */
+#define RUBBISH 0xc3
+
+/* ---- methods ---- */
+
+enum { MEDIAN, VARIANCE, RELAXED, METHODS };
+
+static const char *const method_names[METHODS] = { "MEDIAN_CUT", "VARIANCE_CUT", "RELAXED" };
+
+static envsamp_lights_desc ask(int method, int count)
+{
+    static const envsamp_lights_method ids[METHODS] = {
+        ENVSAMP_LIGHTS_MEDIAN_CUT, ENVSAMP_LIGHTS_VARIANCE_CUT, ENVSAMP_LIGHTS_RELAXED
+    };
+    envsamp_lights_desc desc = envsamp_lights_defaults();
+
+    desc.method = ids[method];
+    desc.count = count;
+    return desc;
+}
+
+static envsamp_lights_desc ask_other(envsamp_lights_method method, int count, uint32_t seed)
+{
+    envsamp_lights_desc desc = envsamp_lights_defaults();
+
+    desc.method = method;
+    desc.count = count;
+    desc.seed = seed;
+    return desc;
+}
+
+/* ---- a set of lights, in buffers of just the size asked for ---- */
+
+typedef struct light_set {
+    envsamp_lights_desc desc;
+    envsamp_sizes sizes;
+    kd_guarded scratch, block;
+    envsamp_light *lights;
+    envsamp_lights_info info;
+    envsamp_result result;
+} light_set;
+
+/* Whether there are lights; s->result says why not. Free the set in either case. */
+static int set_make_over(light_set *s, const envsamp_image *view,
+                         const envsamp_lights_desc *desc, int rubbish)
+{
+    memset(s, 0, sizeof *s);
+    s->desc = *desc;
+    s->result = envsamp_lights_sizes(view, desc, &s->sizes);
+    s->scratch = kd_guarded_make(s->sizes.scratch_bytes, rubbish);
+    s->block = kd_guarded_make(s->result ? 0 : (size_t)desc->count * sizeof *s->lights, 0x5a);
+    s->lights = (envsamp_light *)s->block.buffer.data;
+    if (s->result == ENVSAMP_OK)
+        s->result = envsamp_lights(view, desc, s->lights, desc->count, s->scratch.buffer,
+                                   &s->info);
+    return s->result == ENVSAMP_OK;
+}
+
+static int set_make(light_set *s, const envsamp_image *view, const envsamp_lights_desc *desc)
+{
+    return set_make_over(s, view, desc, RUBBISH);
+}
+
+static int set_intact(const light_set *s)
+{
+    return kd_guarded_intact(&s->scratch) && kd_guarded_intact(&s->block);
+}
+
+static void set_free(light_set *s)
+{
+    free(s->scratch.block);
+    free(s->block.block);
+}
+
+static int sets_equal(const light_set *a, const light_set *b)
+{
+    return a->desc.count == b->desc.count && a->result == b->result
+        && !memcmp(a->lights, b->lights, (size_t)a->desc.count * sizeof *a->lights);
+}
+
+/* ---- vectors ---- */
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static double distance(const double a[3], const double b[3])
+{
+    const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+
+    return sqrt(x * x + y * y + z * z);
+}
+
+/* Between unit vectors, small ones too. */
+static double angle_between(const double a[3], const double b[3])
+{
+    return 2.0 * asin(fmin(0.5 * distance(a, b), 1.0));
+}
+
+static double normalise(double v[3])
+{
+    const double length = sqrt(dot(v, v));
+    int c;
+
+    for (c = 0; c < 3; c++)
+        v[c] /= length > 0.0 ? length : 1.0;
+    return length;
+}
+
+static void dir_of(const envsamp_light *l, double dir[3])
+{
+    int c;
+
+    for (c = 0; c < 3; c++)
+        dir[c] = (double)l->dir[c];
+    normalise(dir);
+}
+
+static double luminance_of(const double rgb[3])
+{
+    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+}
+
+static double light_luminance(const envsamp_light *l)
+{
+    const double rgb[3] = { (double)l->irradiance[0], (double)l->irradiance[1],
+                            (double)l->irradiance[2] };
+
+    return luminance_of(rgb);
+}
+
+/* ---- the map, by brute force ---- */
+
+static double row_sr(const envsamp_image *map, int y)
+{
+    const long double pi = 3.14159265358979323846264338327950288L;
+    const long double turn = map->mapping == ENVSAMP_LATLONG ? pi : 0.5L * pi;
+    const long double w = (long double)map->width, h = (long double)map->height;
+
+    if (map->mapping == ENVSAMP_OCTAHEDRAL)
+        return (double)(4.0L * pi / (w * h));
+    return (double)(2.0L * pi / w * (cosl(turn * (long double)y / h)
+                                     - cosl(turn * (long double)(y + 1) / h)));
+}
+
+/* NaN and infinity make a texel black, negative channels are 0. */
+static void texel_rgb(const envsamp_image *map, int x, int y, double rgb[3])
+{
+    const size_t channels = (size_t)map->channels;
+    const size_t stride = map->row_stride_bytes ? map->row_stride_bytes / sizeof(float)
+                                                : (size_t)map->width * channels;
+    const float *pixel = map->pixels + (size_t)y * stride + (size_t)x * channels;
+    int c, finite = 1;
+
+    for (c = 0; c < 3; c++) {
+        rgb[c] = (double)pixel[channels == 1 ? 0 : c];
+        finite &= isfinite(rgb[c]) != 0;
+    }
+    for (c = 0; c < 3; c++)
+        rgb[c] = finite && rgb[c] > 0.0 ? rgb[c] : 0.0;
+}
+
+/* Direction of a point of the map, in texels. Octahedral: [Clarberg]. */
+static void point_dir(const envsamp_image *map, double x, double y, double dir[3])
+{
+    const double u = x / (double)map->width, v = y / (double)map->height;
+    const double polar = v * (map->mapping == ENVSAMP_LATLONG ? KD_PI : 0.5 * KD_PI);
+
+    dir[0] = sin(polar) * cos(2.0 * KD_PI * u);
+    dir[1] = sin(polar) * sin(2.0 * KD_PI * u);
+    dir[2] = cos(polar);
+    if (map->mapping == ENVSAMP_OCTAHEDRAL) {
+        const double a = fabs(2.0 * u - 1.0), b = fabs(2.0 * v - 1.0);
+        const double depth = 1.0 - a - b, r = 1.0 - fabs(depth);
+        const double phi = r > 0.0 ? ((b - a) / r + 1.0) * 0.25 * KD_PI : 0.0;
+        const double ring = r * sqrt(2.0 - r * r);
+
+        dir[0] = copysign(ring * cos(phi), u - 0.5);
+        dir[1] = copysign(ring * sin(phi), v - 0.5);
+        dir[2] = copysign(1.0 - r * r, depth);
+    }
+}
+
+/* A texel, or sums over some: luminance, it times direction, channels; all times solid angle. */
+typedef struct cell { double luminance, v[3], rgb[3], sr; } cell;
+
+typedef struct grid { envsamp_image view; cell *cells, total; double lit_sr; int lit; } grid;
+
+static void add_cell(cell *sum, const cell *part)
+{
+    int c;
+
+    sum->luminance += part->luminance;
+    sum->sr += part->sr;
+    for (c = 0; c < 3; c++) {
+        sum->v[c] += part->v[c];
+        sum->rgb[c] += part->rgb[c];
+    }
+}
+
+static cell cell_of(const envsamp_image *view, int x, int y, double sr)
+{
+    cell texel;
+    double dir[3];
+    int c;
+
+    texel_rgb(view, x, y, texel.rgb);
+    point_dir(view, (double)x + 0.5, (double)y + 0.5, dir);
+    texel.sr = sr;
+    texel.luminance = luminance_of(texel.rgb) * sr;
+    for (c = 0; c < 3; c++) {
+        texel.rgb[c] *= sr;
+        texel.v[c] = texel.luminance * dir[c];
+    }
+    return texel;
+}
+
+static grid grid_make(const envsamp_image *view)
+{
+    grid g;
+    int x, y;
+
+    memset(&g, 0, sizeof g);
+    g.view = *view;
+    g.cells = (cell *)kd_allocate((size_t)view->width * (size_t)view->height * sizeof *g.cells);
+    for (y = 0; y < view->height; y++) {
+        const double sr = row_sr(view, y);
+
+        for (x = 0; x < view->width; x++) {
+            const cell texel = cell_of(view, x, y, sr);
+
+            g.cells[(size_t)y * (size_t)view->width + (size_t)x] = texel;
+            add_cell(&g.total, &texel);
+            g.lit += texel.luminance > 0.0;
+            g.lit_sr += texel.luminance > 0.0 ? sr : 0.0;
+        }
+    }
+    return g;
+}
+
+static cell grid_sum(const grid *g, int x0, int y0, int x1, int y1)
+{
+    cell sum;
+    int x, y;
+
+    memset(&sum, 0, sizeof sum);
+    for (y = y0; y < y1; y++)
+        for (x = x0; x < x1; x++)
+            add_cell(&sum, &g->cells[(size_t)y * (size_t)g->view.width + (size_t)x]);
+    return sum;
+}
+
+/* Luminance times squared distance from the centroid. */
+static double spread_of(const cell *sum)
+{
+    return sum->luminance > 0.0 ? fmax(sum->luminance - dot(sum->v, sum->v) / sum->luminance, 0.0)
+                                : 0.0;
+}
+
+/* ---- maps of one's own ---- */
+
+typedef struct canvas { float *pixels; envsamp_image view; } canvas;
+
+static canvas canvas_make(int width, int height, int channels, int gap)
+{
+    const int stride = width * channels + gap;
+    canvas c;
+
+    c.pixels = (float *)kd_allocate((size_t)stride * (size_t)height * sizeof *c.pixels);
+    c.view = kd_image(c.pixels, width, height, channels);
+    c.view.row_stride_bytes = gap ? (size_t)stride * sizeof(float) : 0;
+    return c;
+}
+
+static float *canvas_at(const canvas *c, int x, int y)
+{
+    const size_t stride = c->view.row_stride_bytes
+                        ? c->view.row_stride_bytes / sizeof(float)
+                        : (size_t)c->view.width * (size_t)c->view.channels;
+
+    return c->pixels + (size_t)y * stride + (size_t)x * (size_t)c->view.channels;
+}
+
+static void canvas_fill(const canvas *c, int x0, int y0, int x1, int y1, float value)
+{
+    int x, y, i;
+
+    for (y = y0; y < y1; y++)
+        for (x = x0; x < x1; x++)
+            for (i = 0; i < c->view.channels; i++)
+                canvas_at(c, x, y)[i] = value;
+}
+
+/* Noise of many colours; black where `lit` of 1 says so. */
+static canvas noise_map(int width, int height, uint64_t seed, float lit)
+{
+    canvas c = canvas_make(width, height, 3, 0);
+    pcg32 random = pcg32_make(seed, 4);
+    int i, k;
+
+    for (i = 0; i < width * height; i++) {
+        const int shines = pcg32_float(&random) < lit;
+
+        for (k = 0; k < 3; k++)
+            c.pixels[3 * i + k] = shines ? 0.5f + pcg32_float(&random) : 0.0f;
+    }
+    return c;
+}
+
+/* The same map in other clothes, with NaN where nobody should look. */
+enum { LAYOUTS = 4 };
+
+static canvas canvas_of(const image *map, int layout)
+{
+    static const int channels[LAYOUTS] = { 1, 3, 3, 4 }, gaps[LAYOUTS] = { 3, 0, 5, 2 };
+    canvas c = canvas_make(map->width, map->height, channels[layout], gaps[layout]);
+    const int stride = map->width * channels[layout] + gaps[layout];
+    int x, y, i;
+
+    for (i = 0; i < stride * map->height; i++)
+        c.pixels[i] = NAN;
+    for (y = 0; y < map->height; y++)
+        for (x = 0; x < map->width; x++) {
+            const float *rgb = map->rgb + 3 * ((size_t)y * (size_t)map->width + (size_t)x);
+
+            if (layout == 0)
+                *canvas_at(&c, x, y) = envsamp_luminance(rgb);
+            else
+                memcpy(canvas_at(&c, x, y), rgb, 3 * sizeof *rgb);
+        }
+    return c;
+}
+
+/* A real map, every `step`-th texel of it. */
+static int real_map(int index, int step, image *out)
+{
+    image map;
+    int x, y, made;
+
+    if (!reference_real_map(index, &map))
+        return 0;
+    made = image_alloc(out, map.width / step, map.height / step);
+    for (y = 0; made && y < out->height; y++)
+        for (x = 0; x < out->width; x++)
+            memcpy(out->rgb + 3 * (y * out->width + x),
+                   map.rgb + 3 * (y * step * map.width + x * step), 3 * sizeof *out->rgb);
+    image_free(&map);
+    return made;
+}
+
+/* ---- what every set is to be ---- */
+
+enum { BAD_LENGTH = 1, BAD_IRRADIANCE = 2, BAD_CONE = 4, BAD_SIZE = 8, BAD_KIND = 16 };
+
+typedef struct verdict {
+    double energy, integral;    /* off, relative, in the worst channel */
+    int flags, wrong, lights;   /* what is wrong with how many of so many lights */
+    int sets, failed, unfilled; /* calls; those that failed or wrote too far; of a wrong sum of
+                                   solid angles */
+} verdict;
+
+static void worst(double *so_far, double value)
+{
+    if (!(value <= *so_far))
+        *so_far = value;
+}
+
+static int judge_light(const envsamp_light *l)
+{
+    const double dir[3] = { (double)l->dir[0], (double)l->dir[1], (double)l->dir[2] };
+    int flags = 0, c;
+
+    if (!(fabs(sqrt(dot(dir, dir)) - 1.0) <= 1e-6))
+        flags |= BAD_LENGTH;
+    for (c = 0; c < 3; c++)
+        if (!(l->irradiance[c] >= 0.0f && l->irradiance[c] <= FLT_MAX))
+            flags |= BAD_IRRADIANCE;
+    if (!(l->cos_extent >= -1.0f && l->cos_extent <= 1.0f))
+        flags |= BAD_CONE;
+    if (!(l->solid_angle > 0.0f && (double)l->solid_angle <= 4.0 * KD_PI * (1.0 + 1e-6)))
+        flags |= BAD_SIZE;
+    return flags | (l->direct ? BAD_KIND : 0);
+}
+
+/* Whether the set is that of HALFTONE, as it is where the map has few parts with light. */
+static int fell_back(const light_set *s, const envsamp_image *view)
+{
+    const envsamp_lights_desc desc = ask_other(ENVSAMP_LIGHTS_HALFTONE, s->desc.count,
+                                               s->desc.seed);
+    light_set plain;
+    int same;
+
+    set_make(&plain, view, &desc);
+    same = sets_equal(&plain, s);
+    set_free(&plain);
+    return same;
+}
+
+/* Cuts fill the whole map; parts of RELAXED at least what is lit of it. */
+static int fills(const light_set *s, const grid *g)
+{
+    double sum = 0.0;
+    int i;
+
+    for (i = 0; i < s->desc.count; i++)
+        sum += (double)s->lights[i].solid_angle;
+    if (s->desc.method == ENVSAMP_LIGHTS_RELAXED)
+        return sum <= g->total.sr * 1.001 && sum >= g->lit_sr * 0.999;
+    return fabs(sum / g->total.sr - 1.0) <= 1e-3;
+}
+
+static void judge_set(const light_set *s, const grid *g, verdict *v)
+{
+    const int count = s->desc.count;
+    int c, i;
+
+    v->sets++;
+    v->failed += s->result != ENVSAMP_OK || !set_intact(s) || s->info.count != count
+              || s->info.direct_count || s->info.threshold != 0.0f;
+    if (s->result != ENVSAMP_OK)
+        return;
+    for (c = 0; c < 3; c++) {
+        const double known = g->total.rgb[c];
+        double sum = 0.0;
+
+        for (i = 0; i < count; i++)
+            sum += (double)s->lights[i].irradiance[c];
+        worst(&v->energy, fmax(fabs(sum - known) - LEAST * count, 0.0) / fmax(known, 1e-300));
+        worst(&v->integral, fabs(s->info.integral[c] - known) / fmax(known, 1e-300));
+    }
+    for (i = 0; i < count; i++) {
+        const int flags = judge_light(&s->lights[i]);
+
+        v->flags |= flags;
+        v->wrong += flags != 0;
+        v->lights++;
+    }
+    v->unfilled += !fills(s, g) && !(s->desc.method == ENVSAMP_LIGHTS_RELAXED
+                                     && fell_back(s, &g->view));
+}
+
+static void judge_view(const envsamp_image *view, int method, int count, verdict *v)
+{
+    const envsamp_lights_desc desc = ask(method, count);
+    grid g = grid_make(view);
+    light_set s;
+
+    set_make(&s, view, &desc);
+    judge_set(&s, &g, v);
+    set_free(&s);
+    free(g.cells);
+}
+
+static int verdict_good(const verdict *v)
+{
+    return v->sets > 0 && v->failed == 0 && v->energy <= ENERGY && v->integral <= INTEGRAL
+        && v->lights > 0 && v->wrong == 0 && v->unfilled == 0;
+}
+
+static void check_verdict(const char *name, int method, const verdict *v)
+{
+    CHECK(verdict_good(v), "%s, %s: %d of %d calls wrong, energy %.1e and integral %.1e off, %d "
+          "of %d lights wrong, flags %d, %d sets with other solid angles", name,
+          method_names[method], v->failed, v->sets, v->energy, v->integral, v->wrong, v->lights,
+          v->flags, v->unfilled);
+}
+
+/* ---- energy: maps x mappings x layouts x counts x methods ---- */
+
+enum { COUNTS = 12 };
+
+static const int counts[COUNTS] = { 1, 2, 3, 16, 32, 64, 127, 128, 129, 256, 1000, 1024 };
+
+/* RELAXED, which takes longer, by one mapping for each count. */
+static void judge_canvas(canvas *c, int layout, verdict verdicts[METHODS])
+{
+    int mapping, method, k;
+
+    for (mapping = 0; mapping < 3; mapping++) {
+        grid g;
+
+        c->view.mapping = (envsamp_mapping)mapping;
+        g = grid_make(&c->view);
+        for (method = 0; method < METHODS; method++)
+            for (k = 0; k < COUNTS; k++) {
+                const envsamp_lights_desc desc = ask(method, counts[k]);
+                light_set s;
+
+                if ((k + mapping) % LAYOUTS != layout
+                    || (method == RELAXED && (k + k / 3) % 3 != mapping))
+                    continue;
+                set_make(&s, &c->view, &desc);
+                judge_set(&s, &g, &verdicts[method]);
+                set_free(&s);
+            }
+        free(g.cells);
+    }
+}
+
+static void test_map(const char *name, const image *map)
+{
+    verdict verdicts[METHODS];
+    int layout, method;
+
+    memset(verdicts, 0, sizeof verdicts);
+    for (layout = 0; layout < LAYOUTS; layout++) {
+        canvas c = canvas_of(map, layout);
+
+        judge_canvas(&c, layout, verdicts);
+        free(c.pixels);
+    }
+    for (method = 0; method < METHODS; method++)
+        check_verdict(name, method, &verdicts[method]);
+}
+
+static void test_maps(void)
+{
+    int i, real = 0;
+    image map;
+
+    for (i = 0; map_names[i]; i++)
+        if (map_make(map_names[i], 256, 128, &map)) {
+            test_map(map_names[i], &map);
+            image_free(&map);
+        }
+    for (i = 0; i < REFERENCE_REAL_COUNT; i += 6)
+        if (real_map(i, 3, &map)) {
+            test_map(reference_real_name(i), &map);
+            image_free(&map);
+            real++;
+        }
+    if (!real)
+        CHECK_SKIP("no real maps in data/");
+}
+
+/* Sides that are no powers of two, or 1, or the longest. */
+static void test_shapes(void)
+{
+    static const int shapes[][2] = {
+        { 1, 1 }, { 1, 2 }, { 2, 1 }, { 1, 77 }, { 300, 1 }, { 33, 17 }, { 257, 3 }, { 129, 65 },
+        { 515, 130 }, { 65535, 1 }, { 1, 65535 }
+    };
+    int i, method, k;
+
+    for (method = 0; method < METHODS; method++) {
+        verdict v;
+
+        memset(&v, 0, sizeof v);
+        for (i = 0; i < (int)(sizeof shapes / sizeof *shapes); i++) {
+            canvas c = noise_map(shapes[i][0], shapes[i][1], 7, 1.0f);
+
+            for (k = 0; k < COUNTS; k += shapes[i][0] * shapes[i][1] > 5000 ? 4 : 1) {
+                c.view.mapping = (envsamp_mapping)((i + k) % 3);
+                judge_view(&c.view, method, counts[k], &v);
+            }
+            free(c.pixels);
+        }
+        check_verdict("odd shapes", method, &v);
+    }
+}
+
+/* Maps from the least floats to the largest, with one of the largest, and with bad pixels. */
+static void test_values(void)
+{
+    static const struct { const char *name; float value, one; } kinds[] = {
+        { "the largest floats", FLT_MAX, FLT_MAX }, { "one of the largest", 1.0f, FLT_MAX },
+        { "denormals", 1e-40f, 1e-39f }, { "the least floats", 1e-42f, 1e-42f },
+        { "NaN", 1.0f, NAN }, { "infinity", 1.0f, INFINITY }, { "negative", 1.0f, -3.0f }
+    };
+    int i, method, k;
+
+    for (i = 0; i < (int)(sizeof kinds / sizeof *kinds); i++)
+        for (method = 0; method < METHODS; method++) {
+            canvas c = canvas_make(40, 20, 3, 0);
+            verdict v;
+
+            memset(&v, 0, sizeof v);
+            canvas_fill(&c, 0, 0, 40, 20, kinds[i].value);
+            canvas_at(&c, 11, 7)[1] = kinds[i].one;
+            for (k = 3; k < COUNTS; k++) {
+                c.view.mapping = (envsamp_mapping)(k % 3);
+                judge_view(&c.view, method, counts[k], &v);
+            }
+            check_verdict(kinds[i].name, method, &v);
+            free(c.pixels);
+        }
+}
+
+/* What judge_set must reject. */
+static void test_judge(void)
+{
+    enum { SOUND, TWICE, LONG, NO_CONE, NO_SIZE, LARGE, DIRECT, NO_SINE, SPOILS };
+    static const char *const names[SPOILS] = {
+        "as they are", "a light counts twice", "longer by 2e-6", "no cone", "no solid angle",
+        "larger by half", "a direct light", "of a map without sine"
+    };
+    canvas c = noise_map(64, 32, 1, 1.0f);
+    const envsamp_lights_desc desc = ask(MEDIAN, 16);
+    int how, i;
+
+    for (how = 0; how < SPOILS; how++) {
+        envsamp_image view = c.view;
+        light_set s;
+        verdict v;
+        grid g;
+
+        memset(&v, 0, sizeof v);
+        view.mapping = how == NO_SINE ? ENVSAMP_OCTAHEDRAL : ENVSAMP_LATLONG;
+        g = grid_make(&view);
+        set_make(&s, &c.view, &desc);
+        for (i = 0; i < 3; i++) {
+            s.lights->irradiance[i] *= how == TWICE ? 2.0f : 1.0f;
+            s.lights->dir[i] *= how == LONG ? 1.000002f : 1.0f;
+        }
+        s.lights->cos_extent = how == NO_CONE ? NAN : s.lights->cos_extent;
+        s.lights->solid_angle *= how == NO_SIZE ? 0.0f : how == LARGE ? 1.5f : 1.0f;
+        s.lights->direct = how == DIRECT;
+        judge_set(&s, &g, &v);
+        CHECK(verdict_good(&v) == (how == SOUND), "%s: %s", how == SOUND ? "lights" : "control",
+              names[how]);
+        set_free(&s);
+        free(g.cells);
+    }
+    free(c.pixels);
+}
+
+/* ---- cuts, made again ---- */
+
+/* A rectangle of texels. */
+typedef struct box { int x0, y0, x1, y1; cell sum; } box;
+
+static box box_of(const grid *g, int x0, int y0, int x1, int y1)
+{
+    box b;
+
+    b.x0 = x0;
+    b.y0 = y0;
+    b.x1 = x1;
+    b.y1 = y1;
+    b.sum = grid_sum(g, x0, y0, x1, y1);
+    return b;
+}
+
+/* Cuts a box in two across one axis at the best place; the cost, or -1. */
+static double best_cut(const grid *g, const box *b, int vertical, int by_variance, box parts[2])
+{
+    const int from = vertical ? b->x0 : b->y0, to = vertical ? b->x1 : b->y1;
+    double best = -1.0;
+    int cut;
+
+    for (cut = from + 1; cut < to; cut++) {
+        const box low = box_of(g, b->x0, b->y0, vertical ? cut : b->x1, vertical ? b->y1 : cut);
+        const box high = box_of(g, vertical ? cut : b->x0, vertical ? b->y0 : cut, b->x1, b->y1);
+        const double cost = by_variance ? spread_of(&low.sum) + spread_of(&high.sum)
+                                        : fabs(low.sum.luminance - high.sum.luminance);
+
+        if (low.sum.luminance > 0.0 && high.sum.luminance > 0.0 && (best < 0.0 || cost < best)) {
+            best = cost;
+            parts[0] = low;
+            parts[1] = high;
+        }
+    }
+    return best;
+}
+
+/* Whether a box is at least as long across as down, on the sphere. */
+static int box_wide(const grid *g, const box *b)
+{
+    const double polar = g->view.mapping == ENVSAMP_LATLONG ? KD_PI : 0.5 * KD_PI;
+    const double across = (double)(b->x1 - b->x0) / (double)g->view.width;
+    const double down = (double)(b->y1 - b->y0) / (double)g->view.height;
+    const double middle = 0.5 * (double)(b->y0 + b->y1) / (double)g->view.height;
+
+    if (g->view.mapping == ENVSAMP_OCTAHEDRAL)
+        return across >= down;
+    return 2.0 * KD_PI * across * sin(polar * middle) >= polar * down;
+}
+
+/* Returns how many boxes there are. */
+static int reference_cuts(const grid *g, int by_variance, int wanted, box *boxes)
+{
+    int made = 1, i;
+
+    boxes[0] = box_of(g, 0, 0, g->view.width, g->view.height);
+    while (made < wanted) {
+        box columns[2], rows[2];
+        double most = -1.0, across, down;
+        int at = 0;
+
+        for (i = 0; i < made; i++) {
+            const double key = by_variance ? spread_of(&boxes[i].sum) : boxes[i].sum.luminance;
+
+            at = key > most ? i : at;
+            most = fmax(most, key);
+        }
+        across = best_cut(g, &boxes[at], 1, by_variance, columns);
+        down = best_cut(g, &boxes[at], 0, by_variance, rows);
+        if (across < 0.0 && down < 0.0)
+            break;
+        i = down < 0.0 || (across >= 0.0 && (by_variance ? across <= down
+                                                         : box_wide(g, &boxes[at])));
+        boxes[at] = i ? columns[0] : rows[0];
+        boxes[made++] = i ? columns[1] : rows[1];
+    }
+    return made;
+}
+
+/* How far a light is from what it must be for a sum over texels. */
+static double off_cell(const envsamp_light *l, const cell *sum)
+{
+    double middle[3], dir[3], length, off;
+    int c;
+
+    memcpy(middle, sum->v, sizeof middle);
+    length = normalise(middle);
+    dir_of(l, dir);
+    off = 1e-1 * distance(middle, dir);
+    worst(&off, 1e-1 * fabs((double)l->cos_extent
+                            - fmax(2.0 * length / sum->luminance - 1.0, -1.0)));
+    worst(&off, fabs((double)l->solid_angle / sum->sr - 1.0));
+    for (c = 0; c < 3; c++)
+        worst(&off, fabs((double)l->irradiance[c] / sum->rgb[c] - 1.0));
+    return off;
+}
+
+/* Every box must have its light. */
+static double off_boxes(const light_set *s, const box *boxes)
+{
+    double off = 0.0;
+    int i, k;
+
+    for (i = 0; i < s->desc.count; i++) {
+        double least = 1e300;
+
+        for (k = 0; k < s->desc.count; k++)
+            least = fmin(least, off_cell(&s->lights[k], &boxes[i].sum));
+        worst(&off, least);
+    }
+    return off;
+}
+
+/* Noise, so that no two ways to cut are as good. */
+static void test_cuts(void)
+{
+    static const int wanted[5] = { 1, 2, 7, 32, 100 };
+    int method, mapping, k;
+
+    for (method = MEDIAN; method <= VARIANCE; method++)
+        for (mapping = 0; mapping < 3; mapping++) {
+            canvas c = noise_map(40, 26, (uint64_t)(3 + mapping), 1.0f);
+            double off = 0.0;
+            grid g;
+
+            c.view.mapping = (envsamp_mapping)mapping;
+            g = grid_make(&c.view);
+            for (k = 0; k < 5; k++) {
+                const envsamp_lights_desc desc = ask(method, wanted[k]);
+                box boxes[100];
+                light_set s;
+
+                worst(&off, reference_cuts(&g, method == VARIANCE, wanted[k], boxes) == wanted[k]
+                            && set_make(&s, &c.view, &desc) ? off_boxes(&s, boxes) : 1e300);
+                set_free(&s);
+            }
+            CHECK(off <= 2e-6, "%s, mapping %d: cuts by brute force, %.1e off",
+                  method_names[method], mapping, off);
+            free(g.cells);
+            free(c.pixels);
+        }
+}
+
+/* Black everywhere but for some texels. Where in the black a cut lies is left to rounding, so only
+   VARIANCE_CUT, which does not ask how long a rectangle is, has the same lights, but for the size. */
+static void test_sparse_cuts(void)
+{
+    int mapping;
+
+    for (mapping = 0; mapping < 3; mapping++) {
+        const envsamp_lights_desc desc = ask(VARIANCE, 32);
+        canvas c = noise_map(40, 26, (uint64_t)(9 + mapping), 0.06f);
+        box boxes[32];
+        light_set s;
+        grid g;
+        int made, i;
+
+        c.view.mapping = (envsamp_mapping)mapping;
+        g = grid_make(&c.view);
+        made = reference_cuts(&g, 1, 32, boxes);
+        set_make(&s, &c.view, &desc);
+        for (i = 0; i < 32; i++)
+            s.lights[i].solid_angle = (float)(boxes[i].sum.sr = 1.0);
+        CHECK(made == 32 && off_boxes(&s, boxes) <= 2e-6, "VARIANCE_CUT, mapping %d: %d lit "
+              "texels cut by brute force", mapping, g.lit);
+        set_free(&s);
+        free(g.cells);
+        free(c.pixels);
+    }
+}
+
+/* The spread of a light follows from its cone: cos_extent is 2 r - 1, spread 1 - r^2. */
+static double lights_spread(const light_set *s)
+{
+    double sum = 0.0;
+    int i;
+
+    for (i = 0; i < s->desc.count; i++) {
+        const double r = 0.5 * (1.0 + (double)s->lights[i].cos_extent);
+
+        sum += light_luminance(&s->lights[i]) * (1.0 - r * r);
+    }
+    return sum;
+}
+
+/* The spread of all lights falls from MEDIAN_CUT to VARIANCE_CUT to RELAXED. */
+static void test_spread(void)
+{
+    int i, k;
+    image map;
+
+    for (i = 0; map_names[i]; i++)
+        for (k = 16; k <= 64 && map_make(map_names[i], 128, 64, &map); k *= 2) {
+            const envsamp_image view = kd_image(map.rgb, 128, 64, 3);
+            double spread[METHODS];
+            int method;
+
+            for (method = 0; method < METHODS; method++) {
+                const envsamp_lights_desc desc = ask(method, k);
+                light_set s;
+
+                spread[method] = set_make(&s, &view, &desc) ? lights_spread(&s) : 1e300;
+                set_free(&s);
+            }
+            CHECK(spread[VARIANCE] < spread[MEDIAN] && spread[RELAXED] < spread[MEDIAN],
+                  "%s, %d lights: spread %.3g, %.3g, %.3g", map_names[i], k, spread[MEDIAN],
+                  spread[VARIANCE], spread[RELAXED]);
+            image_free(&map);
+        }
+}
+
+/* 2^n lights of a smooth map: each cut is off by at most half of a row or column, which for 16 of
+   256 x 128 is some percent. */
+static void test_equal(void)
+{
+    canvas c = canvas_make(256, 128, 3, 0);
+    int x, y, i, n, mapping;
+
+    for (y = 0; y < 128; y++)
+        for (x = 0; x < 256; x++)
+            for (i = 0; i < 3; i++)
+                canvas_at(&c, x, y)[i] = 2.0f + sinf(0.05f * (float)x) * cosf(0.03f * (float)y);
+    for (mapping = 0; mapping < 3; mapping++)
+        for (n = 2; n <= 16; n *= 2) {
+            const envsamp_lights_desc desc = ask(MEDIAN, n);
+            double least = 1e300, most = 0.0;
+            light_set s;
+
+            c.view.mapping = (envsamp_mapping)mapping;
+            for (i = set_make(&s, &c.view, &desc) ? 0 : n; i < n; i++) {
+                least = fmin(least, light_luminance(&s.lights[i]));
+                most = fmax(most, light_luminance(&s.lights[i]));
+            }
+            CHECK(most > 0.0 && most <= least * (1.0 + 0.015 * n), "MEDIAN_CUT, mapping %d, %d "
+                  "lights: the brightest is %.4f of the faintest", mapping, n, most / least);
+            set_free(&s);
+        }
+    free(c.pixels);
+}
+
+/* ---- where the light is ---- */
+
+static double off_middle(const envsamp_light *l, const cell *sum)
+{
+    double middle[3], dir[3];
+
+    memcpy(middle, sum->v, sizeof middle);
+    normalise(middle);
+    dir_of(l, dir);
+    return angle_between(middle, dir);
+}
+
+/* Lamps of several texels on black: x, y, width, height, and what of light each gives. */
+enum { LAMPS = 6 };
+
+static const struct { int x, y, w, h; double share; } lamps[LAMPS] = {
+    { 5, 20, 3, 2, 1.0 }, { 33, 25, 2, 4, 0.9 }, { 60, 15, 4, 2, 1.15 }, { 82, 30, 3, 3, 0.85 },
+    { 20, 38, 4, 2, 1.1 }, { 50, 5, 5, 2, 0.95 }
+};
+
+/* The first few lamps, each turned by `turn` columns. */
+static canvas lamp_map(int count, int turn, envsamp_mapping mapping, cell sums[LAMPS])
+{
+    canvas c = canvas_make(96, 48, 3, 0);
+    int i, x, y;
+    grid g;
+
+    c.view.mapping = mapping;
+    for (i = 0; i < count; i++) {
+        double sr = 0.0;
+
+        for (y = 0; y < lamps[i].h; y++)
+            sr += row_sr(&c.view, lamps[i].y + y) * (double)lamps[i].w;
+        for (x = 0; x < lamps[i].w; x++) {
+            const int column = (lamps[i].x + x + turn) % 96;
+
+            canvas_fill(&c, column, lamps[i].y, column + 1, lamps[i].y + lamps[i].h,
+                        (float)(lamps[i].share / sr));
+        }
+    }
+    g = grid_make(&c.view);
+    for (i = 0; i < count; i++) {
+        memset(&sums[i], 0, sizeof sums[i]);
+        for (x = 0; x < lamps[i].w; x++) {
+            const int column = (lamps[i].x + x + turn) % 96;
+            const cell strip = grid_sum(&g, column, lamps[i].y, column + 1,
+                                        lamps[i].y + lamps[i].h);
+
+            add_cell(&sums[i], &strip);
+        }
+    }
+    free(g.cells);
+    return c;
+}
+
+/* Every lamp must have its light. The weights of RELAXED answer for the size of a lamp too. */
+static void test_lamps(int method, int count, int turn, envsamp_mapping mapping)
+{
+    const envsamp_lights_desc desc = ask(method, count);
+    double middle = 0.0, energy = 0.0;
+    cell sums[LAMPS];
+    canvas c = lamp_map(count, turn, mapping, sums);
+    light_set s;
+    int i, k;
+
+    set_make(&s, &c.view, &desc);
+    for (i = 0; i < count; i++) {
+        int nearest = 0;
+
+        for (k = 1; k < count; k++)
+            nearest = off_middle(&s.lights[k], &sums[i]) < off_middle(&s.lights[nearest], &sums[i])
+                    ? k : nearest;
+        worst(&middle, off_middle(&s.lights[nearest], &sums[i]));
+        worst(&energy, fabs(light_luminance(&s.lights[nearest]) / sums[i].luminance - 1.0));
+    }
+    CHECK(middle <= 1e-6 && energy <= (method == RELAXED ? 0.02 : 1e-6), "%s, mapping %d: %d "
+          "lamps turned by %d columns have their lights, %.1e rad and %.1e of energy off",
+          method_names[method], (int)mapping, count, turn, middle, energy);
+    set_free(&s);
+    free(c.pixels);
+}
+
+/* One light stands at the centroid of the map. */
+static void test_one(void)
+{
+    int mapping, method;
+
+    for (method = 0; method < METHODS; method++)
+        for (mapping = 0; mapping < 3; mapping++) {
+            const envsamp_lights_desc desc = ask(method, 1);
+            canvas c = noise_map(40, 26, 8, 0.3f);
+            light_set s;
+            grid g;
+
+            c.view.mapping = (envsamp_mapping)mapping;
+            g = grid_make(&c.view);
+            set_make(&s, &c.view, &desc);
+            CHECK(off_middle(s.lights, &g.total) <= 2e-6, "%s, mapping %d: one light is %.1e rad "
+                  "from the centroid", method_names[method], mapping,
+                  off_middle(s.lights, &g.total));
+            set_free(&s);
+            free(g.cells);
+            free(c.pixels);
+        }
+}
+
+/* Squares of 2 and 4 texels shine from their middles: lights of cuts stay within some of a
+   square's angle of the centroid, and have all energy. */
+static void test_squares(void)
+{
+    int method, width;
+
+    for (method = 0; method < METHODS; method++)
+        for (width = 513; width <= 1024; width += 511) {
+            const envsamp_lights_desc desc = ask(method, 2);
+            canvas c = canvas_make(width, width / 2, 1, 0);
+            cell sums[2];
+            light_set s;
+            grid g;
+            int swapped;
+
+            canvas_fill(&c, 101, 77, 104, 83, 3.0f);
+            canvas_fill(&c, 422, 177, 430, 180, 2.0f);
+            g = grid_make(&c.view);
+            sums[0] = grid_sum(&g, 101, 77, 104, 83);
+            sums[1] = grid_sum(&g, 422, 177, 430, 180);
+            set_make(&s, &c.view, &desc);
+            swapped = off_middle(s.lights, &sums[0]) > 0.5;
+            CHECK(off_middle(&s.lights[swapped], &sums[0]) <= 2.0 * 2.0 * KD_PI / width
+                  && off_middle(&s.lights[!swapped], &sums[1]) <= 2.0 * 2.0 * KD_PI / width
+                  && fabs(light_luminance(&s.lights[swapped]) / sums[0].luminance - 1.0) < 1e-3,
+                  "%s, %d columns: lamps between the edges of squares", method_names[method],
+                  width);
+            set_free(&s);
+            free(g.cells);
+            free(c.pixels);
+        }
+}
+
+/* Columns the other way round: the lights of cuts are those of the map in a mirror. */
+static void test_mirror(int method, envsamp_mapping mapping)
+{
+    const envsamp_lights_desc desc = ask(method, 50);
+    const int axis = mapping == ENVSAMP_OCTAHEDRAL ? 0 : 1;
+    canvas c = noise_map(51, 27, 12, 1.0f), mirrored = canvas_make(51, 27, 3, 0);
+    light_set s, other;
+    double off = 0.0;
+    int x, y, i, k;
+
+    for (y = 0; y < 27; y++)
+        for (x = 0; x < 51; x++)
+            memcpy(canvas_at(&mirrored, x, y), canvas_at(&c, 50 - x, y), 3 * sizeof(float));
+    c.view.mapping = mirrored.view.mapping = mapping;
+    set_make(&s, &c.view, &desc);
+    set_make(&other, &mirrored.view, &desc);
+    for (i = 0; i < 50; i++) {
+        double dir[3], least = 4.0;
+
+        dir_of(&s.lights[i], dir);
+        dir[axis] = -dir[axis];
+        for (k = 0; k < 50; k++) {
+            double at[3];
+
+            dir_of(&other.lights[k], at);
+            least = fmin(least, distance(dir, at) + fabs(light_luminance(&other.lights[k])
+                                                        / light_luminance(&s.lights[i]) - 1.0));
+        }
+        worst(&off, least);
+    }
+    CHECK(off <= 2e-6, "%s, mapping %d: a mirrored map has mirrored lights, %.1e off",
+          method_names[method], (int)mapping, off);
+    set_free(&s);
+    set_free(&other);
+    free(c.pixels);
+    free(mirrored.pixels);
+}
+
+/* ---- RELAXED: nearest texels, and weights that are a minimum ---- */
+
+/* Lit texels of nearly the same energy, as few and as bright as to be pieces of their own. */
+static canvas stars_map(envsamp_mapping mapping, uint64_t seed)
+{
+    canvas c = noise_map(40, 26, seed, 0.12f);
+    pcg32 random = pcg32_make(seed, 9);
+    int x, y, i;
+
+    c.view.mapping = mapping;
+    for (y = 0; y < 26; y++)
+        for (x = 0; x < 40; x++)
+            for (i = 0; i < 3 && *canvas_at(&c, x, y) > 0.0f; i++)
+                canvas_at(&c, x, y)[i] = (0.8f + 0.4f * pcg32_float(&random))
+                                       / (float)row_sr(&c.view, y);
+    return c;
+}
+
+/* What of a map is nearest to each light. */
+static void voronoi(const grid *g, const light_set *s, cell *parts)
+{
+    const int texels = g->view.width * g->view.height;
+    int i, k;
+
+    memset(parts, 0, (size_t)s->desc.count * sizeof *parts);
+    for (i = 0; i < texels; i++) {
+        double best = -2.0, dir[3];
+        int at = 0;
+
+        for (k = 0; k < s->desc.count && g->cells[i].luminance > 0.0; k++) {
+            dir_of(&s->lights[k], dir);
+            if (dot(dir, g->cells[i].v) / g->cells[i].luminance > best) {
+                best = dot(dir, g->cells[i].v) / g->cells[i].luminance;
+                at = k;
+            }
+        }
+        add_cell(&parts[at], &g->cells[i]);
+    }
+}
+
+/* Chords from a direction to all of a channel of the map. */
+static double chords_to_map(const grid *g, const double dir[3], int channel)
+{
+    const int texels = g->view.width * g->view.height;
+    double sum = 0.0;
+    int i, c;
+
+    for (i = 0; i < texels; i++)
+        if (g->cells[i].luminance > 0.0) {
+            double at[3];
+
+            for (c = 0; c < 3; c++)
+                at[c] = g->cells[i].v[c] / g->cells[i].luminance;
+            sum += g->cells[i].rgb[channel] * distance(dir, at);
+        }
+    return sum;
+}
+
+static double chords_to_lights(const light_set *s, const double dir[3], int channel)
+{
+    double sum = 0.0, at[3];
+    int k;
+
+    for (k = 0; k < s->desc.count; k++) {
+        dir_of(&s->lights[k], at);
+        sum += (double)s->lights[k].irradiance[channel] * distance(dir, at);
+    }
+    return sum;
+}
+
+/* How far the slope of the energy distance is from the same for all weights, as it is where it is
+   least with the sum of weights given. */
+static double off_minimum(const grid *g, const light_set *s)
+{
+    double off = 0.0;
+    int i, c;
+
+    for (c = 0; c < 3; c++) {
+        double low = 1e300, high = -1e300;
+
+        for (i = 0; i < s->desc.count; i++) {
+            double dir[3], slope;
+
+            dir_of(&s->lights[i], dir);
+            slope = (chords_to_map(g, dir, c) - chords_to_lights(s, dir, c)) / g->total.rgb[c];
+            low = fmin(low, slope);
+            high = fmax(high, slope);
+        }
+        worst(&off, high - low);
+    }
+    return off;
+}
+
+static void test_stars(envsamp_mapping mapping, uint64_t seed)
+{
+    enum { COUNT = 8 };
+    const envsamp_lights_desc desc = ask(RELAXED, COUNT);
+    canvas c = stars_map(mapping, seed);
+    grid g = grid_make(&c.view);
+    double middle = 0.0, cone = 0.0, minimum, moved;
+    cell parts[COUNT];
+    light_set s;
+    int i, small = 0;
+
+    set_make(&s, &c.view, &desc);
+    voronoi(&g, &s, parts);
+    for (i = 0; i < COUNT; i++) {
+        const double r = sqrt(dot(parts[i].v, parts[i].v)) / parts[i].luminance;
+
+        worst(&middle, off_middle(&s.lights[i], &parts[i]));
+        worst(&cone, fabs((double)s.lights[i].cos_extent - (2.0 * r - 1.0)));
+        small += (double)s.lights[i].solid_angle < parts[i].sr * (1.0 - 1e-5);
+    }
+    CHECK(middle <= 2e-6 && cone <= 1e-6 && small == 0, "RELAXED, mapping %d, %d stars: lights "
+          "are centroids of the nearest, %.1e rad off, cones %.1e", (int)mapping, g.lit, middle,
+          cone);
+    minimum = off_minimum(&g, &s);
+    for (i = 0; i < COUNT; i++)
+        memcpy(s.lights[i].irradiance, (float[3]){ (float)parts[i].rgb[0], (float)parts[i].rgb[1],
+                                                   (float)parts[i].rgb[2] }, 3 * sizeof(float));
+    moved = off_minimum(&g, &s);
+    CHECK(minimum <= 1e-6 && moved >= 1e-4, "RELAXED, mapping %d: weights are least, slopes differ "
+          "by %.1e; control: sums of the nearest, %.1e", (int)mapping, minimum, moved);
+    set_free(&s);
+    free(g.cells);
+    free(c.pixels);
+}
+
+/* ---- the energy distance ---- */
+
+/* Of a map to itself: it makes the distance 0 where lights are the map. */
+static double chords_of_map(const grid *g, int channel)
+{
+    const int texels = g->view.width * g->view.height;
+    double sum = 0.0;
+    int i, c;
+
+    for (i = 0; i < texels; i++)
+        if (g->cells[i].luminance > 0.0) {
+            double at[3];
+
+            for (c = 0; c < 3; c++)
+                at[c] = g->cells[i].v[c] / g->cells[i].luminance;
+            sum += g->cells[i].rgb[channel] * chords_to_map(g, at, channel);
+        }
+    return sum;
+}
+
+/* Of green, relative to its square; `own`: chords_of_map. */
+static double energy_distance(const grid *g, const light_set *s, double own)
+{
+    double sum = -own, dir[3];
+    int i;
+
+    for (i = 0; i < s->desc.count; i++) {
+        dir_of(&s->lights[i], dir);
+        sum += (double)s->lights[i].irradiance[1] * (2.0 * chords_to_map(g, dir, 1)
+                                                     - chords_to_lights(s, dir, 1));
+    }
+    return sum / (g->total.rgb[1] * g->total.rgb[1]);
+}
+
+enum { AS_IT_IS, NO_ROUNDS, NEAREST_SUMS, FROM_HALFTONE, FROM_MEDIAN, FROM_VARIANCE, RIVALS };
+
+static const char *const rival_names[RIVALS] = {
+    "itself", "no rounds", "the sums of its nearest texels", "HALFTONE", "MEDIAN_CUT",
+    "VARIANCE_CUT"
+};
+
+static double rival_distance(const grid *g, int rival, int count, double own)
+{
+    envsamp_lights_desc desc = ask(RELAXED, count);
+    cell *parts = (cell *)kd_allocate((size_t)count * sizeof *parts);
+    double found;
+    light_set s;
+    int i, c;
+
+    desc.refine_rounds = rival == NO_ROUNDS ? 0 : 64;
+    if (rival >= FROM_HALFTONE)
+        desc.method = rival == FROM_HALFTONE ? ENVSAMP_LIGHTS_HALFTONE
+                    : rival == FROM_MEDIAN ? ENVSAMP_LIGHTS_MEDIAN_CUT
+                    : ENVSAMP_LIGHTS_VARIANCE_CUT;
+    set_make(&s, &g->view, &desc);
+    voronoi(g, &s, parts);
+    for (i = 0; i < count && rival == NEAREST_SUMS; i++)
+        for (c = 0; c < 3; c++)
+            s.lights[i].irradiance[c] = (float)parts[i].rgb[c];
+    found = energy_distance(g, &s, own);
+    free(parts);
+    set_free(&s);
+    return found;
+}
+
+static void test_distance(void)
+{
+    static const double most[RIVALS] = { 1.0, 0.9, 0.95, 0.6, 0.5, 0.8 };
+    double logs[RIVALS] = { 0.0 };
+    int lower[RIVALS] = { 0 }, sets = 0, i, k, rival;
+    image map;
+
+    for (i = 0; map_names[i]; i++)
+        for (k = 8; k <= 32 && map_make(map_names[i], 48, 24, &map); k *= 2, sets++) {
+            const envsamp_image view = kd_image(map.rgb, 48, 24, 3);
+            grid g = grid_make(&view);
+            const double own = chords_of_map(&g, 1);
+            double found[RIVALS];
+
+            for (rival = 0; rival < RIVALS; rival++) {
+                found[rival] = rival_distance(&g, rival, k, own);
+                logs[rival] += log(found[AS_IT_IS] / found[rival]);
+                lower[rival] += found[AS_IT_IS] <= found[rival];
+            }
+            free(g.cells);
+            image_free(&map);
+        }
+    for (rival = 1; rival < RIVALS; rival++)
+        CHECK(exp(logs[rival] / sets) <= most[rival] && lower[rival] >= sets - 2, "RELAXED: energy "
+              "distance %.3f of that of %s, lower in %d of %d sets", exp(logs[rival] / sets),
+              rival_names[rival], lower[rival], sets);
+}
+
+/* ---- irradiance ---- */
+
+enum { RANDOM_SEEDS = 8, LEVELS = 3, RANDOM = METHODS, UPSIDE_DOWN, WITHOUT_SINE, VARIANTS };
+
+static const char *const variant_names[VARIANTS] = {
+    "MEDIAN_CUT", "VARIANCE_CUT", "RELAXED", "RANDOM", "control: rows upside down",
+    "control: no sine"
+};
+
+/* Mean square over the normals of the relative error of irradiance. */
+static double square_error(const irradiance *exact, const light_set *s)
+{
+    double squares = 0.0;
+    int k, i;
+
+    for (k = 0; k < IRRADIANCE_NORMALS; k++) {
+        double sum = 0.0, error;
+
+        for (i = 0; i < s->desc.count; i++)
+            sum += (double)(envsamp_luminance(s->lights[i].irradiance)
+                            * fmaxf(dot3(exact->normals[k], s->lights[i].dir), 0.0f));
+        error = sum / exact->exact[k] - 1.0;
+        squares += error * error;
+    }
+    return squares / IRRADIANCE_NORMALS;
+}
+
+/* The map as it must not be taken, with the energy that it has. */
+static canvas spoiled_map(const image *map, int variant)
+{
+    canvas c = canvas_make(map->width, map->height, 3, 0);
+    const envsamp_image view = kd_image(map->rgb, map->width, map->height, 3);
+    grid right = grid_make(&view), wrong;
+    int x, y, i;
+
+    for (y = 0; y < map->height; y++)
+        for (x = 0; x < map->width; x++)
+            for (i = 0; i < 3; i++) {
+                const int from = variant == UPSIDE_DOWN ? map->height - 1 - y : y;
+
+                canvas_at(&c, x, y)[i] = map->rgb[3 * (from * map->width + x) + i]
+                                       / (variant == WITHOUT_SINE ? (float)row_sr(&view, y) : 1.0f);
+            }
+    wrong = grid_make(&c.view);
+    for (i = 0; i < 3 * map->width * map->height; i++)
+        c.pixels[i] *= (float)(right.total.luminance / wrong.total.luminance);
+    free(right.cells);
+    free(wrong.cells);
+    return c;
+}
+
+static double variant_error(const image *map, const irradiance *exact, int variant, int count)
+{
+    const int seeds = variant == RANDOM ? RANDOM_SEEDS : 1;
+    canvas c = variant > RANDOM ? spoiled_map(map, variant) : canvas_make(1, 1, 1, 0);
+    const envsamp_image view = variant > RANDOM ? c.view
+                             : kd_image(map->rgb, map->width, map->height, 3);
+    double squares = 0.0;
+    int seed;
+
+    for (seed = 0; seed < seeds; seed++) {
+        envsamp_lights_desc desc = ask(variant < METHODS ? variant : VARIANCE, count);
+        light_set s;
+
+        if (variant == RANDOM)
+            desc = ask_other(ENVSAMP_LIGHTS_RANDOM, count, (uint32_t)seed);
+        squares += set_make(&s, &view, &desc) ? square_error(exact, &s) : 1e300;
+        set_free(&s);
+    }
+    free(c.pixels);
+    return sqrt(squares / seeds);
+}
+
+/* Made-up maps and some real ones, without bad pixels. */
+static int load_scene(int index, image *map)
+{
+    int made_up = 0, i;
+
+    while (map_names[made_up])
+        made_up++;
+    if (index < made_up ? !map_make(map_names[index], 256, 128, map)
+                        : index >= made_up + 6 || !real_map(3 * (index - made_up), 2, map))
+        return 0;
+    for (i = 0; i < 3 * map->width * map->height; i++)
+        map->rgb[i] = map->rgb[i] > 0.0f && map->rgb[i] <= FLT_MAX ? map->rgb[i] : 0.0f;
+    return 1;
+}
+
+/* RMSE, geometric mean over maps: cuts over RANDOM's, RELAXED over MEDIAN_CUT's. */
+static void check_errors(double logs[VARIANTS][LEVELS], int maps)
+{
+    static const double most[VARIANTS] = { 0.6, 0.5, 0.75, 0.0, 0.5, 0.5 };
+    int i, level;
+
+    for (i = 0; i < VARIANTS; i++)
+        for (level = 0; level < LEVELS && i != RANDOM; level++) {
+            const int over = i == RELAXED ? MEDIAN : RANDOM;
+            const double ratio = exp((logs[i][level] - logs[over][level]) / maps);
+
+            CHECK((ratio <= most[i]) == (i < METHODS), "%s, %d lights: RMSE of irradiance %.4f, "
+                  "%.3f of that of %s", variant_names[i], 16 << level,
+                  exp(logs[i][level] / maps), ratio, variant_names[over]);
+        }
+}
+
+static void test_irradiance(void)
+{
+    static irradiance exact;
+    double logs[VARIANTS][LEVELS] = { { 0.0 } };
+    int index, i, level, maps = 0;
+    image map;
+
+    for (index = 0; load_scene(index, &map); index++) {
+        for (i = 0; i < VARIANTS * LEVELS && (i || irradiance_make(&exact, &map)); i++)
+            logs[i / LEVELS][i % LEVELS] += log(variant_error(&map, &exact, i / LEVELS,
+                                                              16 << i % LEVELS));
+        maps++;
+        image_free(&map);
+    }
+    for (level = 0; level < LEVELS; level++)
+        printf("# RANDOM, %d lights: RMSE of irradiance %.4f, %d maps\n", 16 << level,
+               exp(logs[RANDOM][level] / maps), maps);
+    check_errors(logs, maps);
+}
+
+/* ---- turned maps ---- */
+
+static int rising(const void *a, const void *b)
+{
+    double x, y;
+
+    memcpy(&x, a, sizeof x);
+    memcpy(&y, b, sizeof y);
+    return (x > y) - (x < y);
+}
+
+/* How far the lights of a map, turned, are from the nearest of the turned map, in half angles of
+   their cones: the median. */
+static double turned_median(const light_set *s, const light_set *turned, double angle)
+{
+    const int count = s->desc.count;
+    double *off = (double *)kd_allocate((size_t)count * sizeof *off), median;
+    int i, k;
+
+    for (i = 0; i < count; i++) {
+        double dir[3], at[3], x;
+
+        dir_of(&s->lights[i], dir);
+        x = cos(angle) * dir[0] - sin(angle) * dir[1];
+        dir[1] = sin(angle) * dir[0] + cos(angle) * dir[1];
+        dir[0] = x;
+        off[i] = 4.0;
+        for (k = 0; k < count; k++) {
+            dir_of(&turned->lights[k], at);
+            off[i] = fmin(off[i], angle_between(dir, at));
+        }
+        off[i] /= acos(fmin((double)s->lights[i].cos_extent, 1.0 - 1e-9));
+    }
+    qsort(off, (size_t)count, sizeof *off, rising);
+    median = off[count / 2];
+    free(off);
+    return median;
+}
+
+static void test_turned(int method)
+{
+    static const double most[METHODS] = { 0.9, 0.9, 0.6 };
+    const envsamp_lights_desc desc = ask(method, 32);
+    double logs = 0.0, control = 0.0;
+    int i, x, y;
+    image map;
+
+    for (i = 0; map_names[i] && map_make(map_names[i], 256, 128, &map); i++) {
+        canvas c = canvas_make(256, 128, 3, 0);
+        const envsamp_image view = kd_image(map.rgb, 256, 128, 3);
+        light_set s, turned;
+
+        for (y = 0; y < 128; y++)
+            for (x = 0; x < 256; x++)
+                memcpy(canvas_at(&c, (x + 37) % 256, y), map.rgb + 3 * (y * 256 + x),
+                       3 * sizeof(float));
+        set_make(&s, &view, &desc);
+        set_make(&turned, &c.view, &desc);
+        logs += log(turned_median(&s, &turned, 37.0 / 128.0 * KD_PI)) / 5.0;
+        control += log(turned_median(&s, &turned, 0.0)) / 5.0;
+        set_free(&s);
+        set_free(&turned);
+        free(c.pixels);
+        image_free(&map);
+    }
+    CHECK(exp(logs) <= most[method], "%s: lights of a turned map are turned, within %.2f of their "
+          "cones; not turned %.2f", method_names[method], exp(logs), exp(control));
+}
+
+/* ---- interleaved sets ---- */
+
+/* A light toward z, if it is 1 or -1 exactly at a pole, of a cone of `half` radians. */
+static envsamp_light light_toward(double z, double azimuth, double half)
+{
+    const double level = sqrt(fmax(1.0 - z * z, 0.0));
+    envsamp_light l;
+
+    memset(&l, 0, sizeof l);
+    l.dir[0] = (float)(level * cos(azimuth));
+    l.dir[1] = (float)(level * sin(azimuth));
+    l.dir[2] = (float)z;
+    l.irradiance[0] = 1.0f;
+    l.irradiance[1] = 0.25f;
+    l.irradiance[2] = 3.0f;
+    l.solid_angle = 0.1f;
+    l.cos_extent = (float)cos(half);
+    l.direct = 5;
+    return l;
+}
+
+enum { TURNED_LIGHTS = 64 };
+
+/* Over the whole sphere, some near both poles and at them. */
+static void lights_about(envsamp_light *lights, double half)
+{
+    static const double near[6] = { 1.0, -1.0, 1.0 - 1e-12, 1e-12 - 1.0, 0.999999, -0.999999 };
+    int i;
+
+    for (i = 0; i < TURNED_LIGHTS; i++)
+        lights[i] = light_toward(i < 6 ? near[i] : 1.0 - 2.0 * (i + 0.5) / TURNED_LIGHTS,
+                                 2.4 * i, half);
+}
+
+/* Where a light lies in the disc about another, on axes of the disc. */
+static void place_in_disc(const envsamp_light *about, const envsamp_light *l, double place[2])
+{
+    double axis[3], dir[3], across[3] = { 0.0, 0.0, 0.0 }, up[3], angle, length;
+    int c;
+
+    dir_of(about, axis);
+    dir_of(l, dir);
+    across[fabs(axis[0]) < 0.5 ? 0 : 1] = 1.0;
+    length = dot(across, axis);
+    for (c = 0; c < 3; c++)
+        across[c] -= length * axis[c];
+    normalise(across);
+    for (c = 0; c < 3; c++)
+        up[c] = axis[(c + 1) % 3] * across[(c + 2) % 3] - axis[(c + 2) % 3] * across[(c + 1) % 3];
+    angle = angle_between(axis, dir);
+    length = hypot(dot(dir, across), dot(dir, up));
+    place[0] = length > 0.0 ? dot(dir, across) / length * angle : 0.0;
+    place[1] = length > 0.0 ? dot(dir, up) / length * angle : 0.0;
+}
+
+/* How evenly places lie in the unit disc: their mean, the least distance of two of them over the
+   spacing, and how far squared radii are from (i + 1/2) / count. */
+typedef struct evenness { double mean, nearest, radii; } evenness;
+
+static evenness evenness_of(double (*places)[2], int count)
+{
+    double *squares = (double *)kd_allocate((size_t)count * sizeof *squares);
+    double x = 0.0, y = 0.0;
+    evenness e = { 0.0, 1e300, 0.0 };
+    int i, k;
+
+    for (i = 0; i < count; i++) {
+        x += places[i][0] / count;
+        y += places[i][1] / count;
+        squares[i] = places[i][0] * places[i][0] + places[i][1] * places[i][1];
+        for (k = 0; k < i; k++)
+            e.nearest = fmin(e.nearest, hypot(places[i][0] - places[k][0],
+                                              places[i][1] - places[k][1]) * sqrt(count));
+    }
+    e.mean = hypot(x, y) * sqrt(count);
+    qsort(squares, (size_t)count, sizeof *squares, rising);
+    for (i = 0; i < count; i++)
+        worst(&e.radii, fabs(squares[i] - (i + 0.5) / count));
+    free(squares);
+    return e;
+}
+
+static int evenness_good(const evenness *e, int count)
+{
+    return (count < 5 || e->mean <= 0.5) && (count == 1 || e->nearest >= 1.0) && e->radii <= 2e-3;
+}
+
+enum { SPIRAL, SAME_ANGLE, RANDOM_ANGLES, RANDOM_RADII, ONE_SIDE, SPREADS };
+
+static const char *const spread_names[SPREADS] = {
+    "sets on a spiral", "control: one azimuth", "control: random azimuths",
+    "control: random radii", "control: half of the disc"
+};
+
+static void spoil_places(double (*places)[2], int count, int how)
+{
+    pcg32 random = pcg32_make(3, 5);
+    int i;
+
+    for (i = 0; i < count; i++) {
+        const double r = hypot(places[i][0], places[i][1]);
+        const double u = (double)pcg32_float(&random);
+        const double turn = how == SAME_ANGLE ? 1.0 : how == RANDOM_ANGLES ? 2.0 * KD_PI * u
+                          : atan2(places[i][1], places[i][0]) * (how == ONE_SIDE ? 0.5 : 1.0);
+        const double far = how == RANDOM_RADII ? sqrt(u) : r;
+
+        places[i][0] = far * cos(turn);
+        places[i][1] = far * sin(turn);
+    }
+}
+
+/* All sets of a light together fill its disc evenly. */
+static void test_places(double half, float extent, int set_count, int how)
+{
+    double (*places)[2] = (double (*)[2])kd_allocate((size_t)set_count * sizeof *places);
+    envsamp_light lights[TURNED_LIGHTS], out[TURNED_LIGHTS];
+    int i, set, good = 0;
+    evenness worst_of = { 0.0, 1e300, 0.0 };
+
+    lights_about(lights, half);
+    for (i = 0; i < TURNED_LIGHTS; i++) {
+        const double radius = acos((double)lights[i].cos_extent) * (double)extent;
+        evenness e;
+
+        for (set = 0; set < set_count; set++) {
+            envsamp_lights_interleave(lights, TURNED_LIGHTS, set, set_count, extent, 7, out);
+            place_in_disc(&lights[i], &out[i], places[set]);
+            places[set][0] /= radius;
+            places[set][1] /= radius;
+        }
+        if (how != SPIRAL)
+            spoil_places(places, set_count, how);
+        e = evenness_of(places, set_count);
+        good += evenness_good(&e, set_count);
+        worst(&worst_of.mean, e.mean);
+        worst(&worst_of.radii, e.radii);
+        worst_of.nearest = fmin(worst_of.nearest, e.nearest);
+    }
+    CHECK((good == TURNED_LIGHTS) == (how == SPIRAL), "%s: %d places within %.2f of %.2f rad, %d "
+          "lights of %d even: mean %.2f, nearest %.2f of the spacing, radii %.1e", spread_names[how],
+          set_count, (double)extent, half, good, TURNED_LIGHTS, worst_of.mean, worst_of.nearest,
+          worst_of.radii);
+    free(places);
+}
+
+/* Lights of a set take unlike places of their discs. */
+static void test_unlike(void)
+{
+    envsamp_light lights[TURNED_LIGHTS], out[TURNED_LIGHTS];
+    double x = 0.0, y = 0.0, square = 0.0;
+    int i;
+
+    lights_about(lights, 0.2);
+    for (i = 0; i < TURNED_LIGHTS; i++)
+        lights[i] = lights[20];
+    envsamp_lights_interleave(lights, TURNED_LIGHTS, 3, 16, 0.5f, 1, out);
+    for (i = 0; i < TURNED_LIGHTS; i++) {
+        double place[2];
+
+        place_in_disc(&lights[i], &out[i], place);
+        x += place[0] / 0.1 / TURNED_LIGHTS;
+        y += place[1] / 0.1 / TURNED_LIGHTS;
+        square += (place[0] * place[0] + place[1] * place[1]) / 0.01 / TURNED_LIGHTS;
+    }
+    CHECK(hypot(x, y) <= 0.25 && fabs(square - 0.5) <= 0.12, "lights of a set are turned each its "
+          "way: mean %.3f, squares %.3f", hypot(x, y), square);
+}
+
+/* Whether nothing but the direction differs, which is a unit vector within the disc. */
+static int turned_right(const envsamp_light *l, const envsamp_light *out, double extent)
+{
+    envsamp_light back = *out;
+    double a[3], b[3];
+    const double half = acos(fmax(fmin((double)l->cos_extent, 1.0), -1.0));
+
+    memcpy(back.dir, l->dir, sizeof back.dir);
+    dir_of(l, a);
+    dir_of(out, b);
+    return !memcmp(&back, l, sizeof back) && !(judge_light(out) & BAD_LENGTH)
+        && angle_between(a, b) <= extent * half + 1e-6;
+}
+
+/* Lights of a map, in all sets. */
+static void test_copies(void)
+{
+    const envsamp_lights_desc desc = ask(RELAXED, 64);
+    const float extents[4] = { 0.0f, 0.1f, 0.7f, 1.0f };
+    envsamp_light out[64], again[64];
+    light_set s;
+    image map;
+    int i, set, e, wrong = 0, unmoved = 0, still = 0, aliased = 0;
+
+    if (!map_make("studio", 128, 64, &map))
+        return;
+    {
+        const envsamp_image view = kd_image(map.rgb, 128, 64, 3);
+
+        set_make(&s, &view, &desc);
+    }
+    for (e = 0; e < 4; e++)
+        for (set = 0; set < 9; set++) {
+            wrong += envsamp_lights_interleave(s.lights, 64, set, 9, extents[e], 5, out) != ENVSAMP_OK;
+            memcpy(again, s.lights, sizeof again);
+            envsamp_lights_interleave(again, 64, set, 9, extents[e], 5, again);
+            aliased += !memcmp(again, out, sizeof out);
+            for (i = 0; i < 64; i++) {
+                double a[3], b[3];
+
+                dir_of(&s.lights[i], a);
+                dir_of(&out[i], b);
+                wrong += !turned_right(&s.lights[i], &out[i], (double)extents[e]);
+                unmoved += e > 0 && angle_between(a, b) < 1e-6;
+                still += e == 0 && angle_between(a, b) <= 2e-7;
+            }
+        }
+    CHECK(wrong == 0 && unmoved == 0, "sets: %d wrong, %d not turned", wrong, unmoved);
+    CHECK(still == 9 * 64, "no extent: %d of %d lights stay", still, 9 * 64);
+    CHECK(aliased == 36, "in place: %d of 36 sets are the same", aliased);
+    set_free(&s);
+    image_free(&map);
+}
+
+static int interleaved_differ(int set_a, int set_b, int set_count, uint32_t seed_a,
+                              uint32_t seed_b)
+{
+    envsamp_light lights[TURNED_LIGHTS], a[TURNED_LIGHTS], b[TURNED_LIGHTS];
+    int i, differ = 0;
+
+    lights_about(lights, 0.4);
+    envsamp_lights_interleave(lights, TURNED_LIGHTS, set_a, set_count, 0.5f, seed_a, a);
+    envsamp_lights_interleave(lights, TURNED_LIGHTS, set_b, set_count, 0.5f, seed_b, b);
+    for (i = 0; i < TURNED_LIGHTS; i++)
+        differ += memcmp(a[i].dir, b[i].dir, sizeof a->dir) != 0;
+    return differ;
+}
+
+/* Any cone, and numbers of sets to the last. */
+static void test_turn_ranges(void)
+{
+    static const float cones[] = { -1.0f, 1.0f, -5.0f, 5.0f, 0.0f, 0.99999994f };
+    envsamp_light lights[TURNED_LIGHTS], out[TURNED_LIGHTS];
+    int i, k, right = 0;
+
+    for (k = 0; k < 6; k++) {
+        lights_about(lights, 0.1);
+        for (i = 0; i < TURNED_LIGHTS; i++)
+            lights[i].cos_extent = cones[k];
+        envsamp_lights_interleave(lights, TURNED_LIGHTS, 2, 4, 1.0f, 1, out);
+        for (i = 0; i < TURNED_LIGHTS; i++)
+            right += turned_right(&lights[i], &out[i], 1.0);
+    }
+    CHECK(right == 6 * TURNED_LIGHTS, "%d of %d lights of odd cones", right, 6 * TURNED_LIGHTS);
+    lights_about(lights, 0.4);
+    for (right = 0, k = 1; k <= 2; k++) {
+        envsamp_lights_interleave(lights, TURNED_LIGHTS, INT_MAX - k, INT_MAX, 0.5f, 9, out);
+        for (i = 0; i < TURNED_LIGHTS; i++)
+            right += turned_right(&lights[i], &out[i], 0.5);
+    }
+    CHECK(right == 2 * TURNED_LIGHTS, "%d of %d lights of the most sets", right, 2 * TURNED_LIGHTS);
+}
+
+static void test_interleave_arguments(void)
+{
+    static const struct { int count, set, set_count; float extent; envsamp_result expected; }
+    calls[] = {
+        { 2, 0, 1, 0.1f, ENVSAMP_OK }, { 0, 0, 1, 0.1f, ENVSAMP_OK }, { 2, 4, 5, 1.0f, ENVSAMP_OK },
+        { 2, 0, 5, 0.0f, ENVSAMP_OK }, { -1, 0, 1, 0.1f, ENVSAMP_ERR_PARAM },
+        { INT_MIN, 0, 1, 0.1f, ENVSAMP_ERR_PARAM }, { 2, -1, 5, 0.1f, ENVSAMP_ERR_PARAM },
+        { 2, 5, 5, 0.1f, ENVSAMP_ERR_PARAM }, { 2, 0, 0, 0.1f, ENVSAMP_ERR_PARAM },
+        { 2, 0, -3, 0.1f, ENVSAMP_ERR_PARAM }, { 2, -2, -1, 0.1f, ENVSAMP_ERR_PARAM },
+        { 2, 0, 5, -0.1f, ENVSAMP_ERR_PARAM }, { 2, 0, 5, 1.0001f, ENVSAMP_ERR_PARAM },
+        { 2, 0, 5, NAN, ENVSAMP_ERR_PARAM }, { 2, 0, 5, INFINITY, ENVSAMP_ERR_PARAM }
+    };
+    const int number = (int)(sizeof calls / sizeof *calls);
+    envsamp_light lights[2], out[2];
+    int i, right = 0;
+
+    lights[0] = lights[1] = light_toward(0.3, 1.0, 0.2);
+    for (i = 0; i < number; i++)
+        right += envsamp_lights_interleave(lights, calls[i].count, calls[i].set,
+                                           calls[i].set_count, calls[i].extent, 0, out)
+              == calls[i].expected;
+    CHECK(right == number, "%d of %d calls are refused or taken rightly", right, number);
+    CHECK(envsamp_lights_interleave(NULL, 2, 0, 1, 0.1f, 0, out) == ENVSAMP_ERR_NULL
+          && envsamp_lights_interleave(lights, 2, 0, 1, 0.1f, 0, NULL) == ENVSAMP_ERR_NULL,
+          "no lights, or nowhere to put them");
+}
+
+static void test_interleave(void)
+{
+    int how;
+
+    test_places(0.3, 0.1f, 64, SPIRAL);
+    test_places(0.3, 1.0f, 16, SPIRAL);
+    test_places(1.5, 0.5f, 9, SPIRAL);
+    test_places(0.1, 0.2f, 4, SPIRAL);
+    test_places(0.5, 1.0f, 1, SPIRAL);
+    test_places(0.5, 0.3f, 200, SPIRAL);
+    for (how = SAME_ANGLE; how < SPREADS; how++)
+        test_places(0.3, 0.5f, 64, how);
+    test_unlike();
+    test_copies();
+    CHECK(interleaved_differ(0, 1, 4, 5, 5) == TURNED_LIGHTS
+          && interleaved_differ(1, 1, 4, 5, 6) == TURNED_LIGHTS
+          && interleaved_differ(0, 0, 1, 5, 6) == TURNED_LIGHTS
+          && interleaved_differ(2, 2, 4, 5, 5) == 0, "sets and seeds differ, a set does not");
+    test_turn_ranges();
+    test_interleave_arguments();
+}
+
+/* ---- few lit texels, many lights ---- */
+
+/* Lights near a texel, within its half diagonal and some rounding: their luminance. */
+static double luminance_near(const light_set *s, int x, int y, const envsamp_image *view)
+{
+    double middle[3], corner[3], dir[3], sum = 0.0;
+    int i;
+
+    point_dir(view, x + 0.5, y + 0.5, middle);
+    point_dir(view, x, y + 1.0, corner);
+    for (i = 0; i < s->desc.count; i++) {
+        dir_of(&s->lights[i], dir);
+        if (angle_between(dir, middle) <= angle_between(middle, corner) + 1e-5)
+            sum += light_luminance(&s->lights[i]);
+    }
+    return sum;
+}
+
+/* Lights of a few lit texels stand at them, however many there are, and have their energy: HALFTONE,
+   which RELAXED falls back to, within a light's. `floor`: what shines elsewhere. */
+static void test_few(int method, int texels, int count, float floor)
+{
+    static const int at[3][2] = { { 10, 5 }, { 40, 20 }, { 25, 16 } };
+    const envsamp_lights_desc desc = ask(method, count);
+    canvas c = canvas_make(64, 32, 3, 0);
+    double off = 0.0;
+    light_set s;
+    verdict v;
+    grid g;
+    int i;
+
+    memset(&v, 0, sizeof v);
+    canvas_fill(&c, 0, 0, 64, 32, floor);
+    for (i = 0; i < texels; i++)
+        canvas_fill(&c, at[i][0], at[i][1], at[i][0] + 1, at[i][1] + 1, 3.0f + (float)i);
+    g = grid_make(&c.view);
+    set_make(&s, &c.view, &desc);
+    judge_set(&s, &g, &v);
+    for (i = 0; i < texels; i++) {
+        const cell lit = grid_sum(&g, at[i][0], at[i][1], at[i][0] + 1, at[i][1] + 1);
+
+        worst(&off, fabs(luminance_near(&s, at[i][0], at[i][1], &c.view) - lit.luminance)
+                    / g.total.luminance);
+    }
+    CHECK(verdict_good(&v) && off <= (method == RELAXED && texels > 1 ? 1.0 / count : 1e-6),
+          "%s, %d lights of %d texels, %g elsewhere: %.1e of the energy is elsewhere",
+          method_names[method], count, texels, (double)floor, off);
+    set_free(&s);
+    free(g.cells);
+    free(c.pixels);
+}
+
+/* RELAXED gives the lights of HALFTONE where there are less than twice as many lit texels. */
+static void test_fallback(void)
+{
+    int i, right = 0;
+
+    for (i = 0; i < 12; i++) {
+        canvas c = stars_map(ENVSAMP_LATLONG, (uint64_t)i);
+        grid g = grid_make(&c.view);
+        envsamp_lights_desc desc = ask(RELAXED, g.lit / 2 + (i % 2 ? 1 : -10));
+        light_set s;
+
+        desc.seed = (uint32_t)i;
+        set_make(&s, &c.view, &desc);
+        right += fell_back(&s, &c.view) == i % 2;
+        set_free(&s);
+        free(g.cells);
+        free(c.pixels);
+    }
+    CHECK(right == 12, "RELAXED falls back where it should, in %d of 12 maps", right);
+}
+
+/* Patterns that leave much to chance: ties everywhere. */
+static void test_patterns(void)
+{
+    int method, i, k, x;
+
+    for (method = 0; method < METHODS; method++) {
+        verdict v;
+
+        memset(&v, 0, sizeof v);
+        for (i = 0; i < 3; i++) {
+            canvas c = canvas_make(64, 32, 1, 0);
+
+            for (x = 0; x < 64 * 32; x++)
+                c.pixels[x] = i == 0 ? 2.0f : i == 1 ? (float)((x + x / 64) & 1)
+                            : (float)(x % 64 == 0 || x % 64 == 63);
+            for (k = 0; k < COUNTS; k++) {
+                c.view.mapping = (envsamp_mapping)((i + k) % 3);
+                judge_view(&c.view, method, counts[k], &v);
+            }
+            free(c.pixels);
+        }
+        check_verdict("constant, checkerboard, two columns", method, &v);
+    }
+}
+
+/* ---- the same again, and what does not matter ---- */
+
+static void test_same(int method)
+{
+    const envsamp_lights_desc desc = ask(method, 40);
+    envsamp_lights_desc other = desc;
+    light_set a, b, c, d;
+    envsamp_image view;
+    image map;
+
+    if (!map_make("foliage", 100, 50, &map))
+        return;
+    view = kd_image(map.rgb, 100, 50, 3);
+    set_make_over(&a, &view, &desc, 0);
+    set_make_over(&b, &view, &desc, 0xff);
+    other.percentile = other.lambda = other.gamma = other.mask_scale = NAN;
+    other.weight_variance = other.weight_extent = other.weight_energy = NAN;
+    other.strict = 1;
+    set_make(&c, &view, &other);
+    other.seed = 1;
+    set_make(&d, &view, &other);
+    CHECK(sets_equal(&a, &b) && sets_equal(&a, &c), "%s: the same bytes, whatever was in scratch "
+          "and in the fields for DECOMPOSED", method_names[method]);
+    CHECK(sets_equal(&a, &d) == (method != RELAXED), "%s: a seed is %s", method_names[method],
+          method == RELAXED ? "another start" : "ignored");
+    set_free(&a);
+    set_free(&b);
+    set_free(&c);
+    set_free(&d);
+    image_free(&map);
+}
+
+/* ---- arguments ---- */
+
+static void test_bad_pixels(int method)
+{
+    envsamp_lights_desc desc = ask(method, 5);
+    canvas c = noise_map(20, 10, 2, 1.0f);
+    light_set s;
+
+    canvas_at(&c, 3, 3)[0] = NAN;
+    canvas_at(&c, 4, 7)[1] = -1.0f;
+    canvas_at(&c, 19, 9)[2] = INFINITY;
+    set_make(&s, &c.view, &desc);
+    CHECK(s.result == ENVSAMP_OK && s.info.bad_pixel_count == 3, "%s: three bad pixels",
+          method_names[method]);
+    set_free(&s);
+    desc.strict = 1;
+    set_make(&s, &c.view, &desc);
+    CHECK(s.result == ENVSAMP_ERR_VALUE && set_intact(&s), "%s: strict", method_names[method]);
+    set_free(&s);
+    canvas_fill(&c, 0, 0, 20, 10, -2.0f);
+    desc.strict = 0;
+    set_make(&s, &c.view, &desc);
+    CHECK(s.result == ENVSAMP_ERR_BLACK && set_intact(&s), "%s: negative everywhere",
+          method_names[method]);
+    set_free(&s);
+    canvas_fill(&c, 0, 0, 20, 10, 0.0f);
+    set_make(&s, &c.view, &desc);
+    CHECK(s.result == ENVSAMP_ERR_BLACK && set_intact(&s), "%s: black", method_names[method]);
+    set_free(&s);
+    free(c.pixels);
+}
+
+/* What sizes and lights say of one number changed. */
+static envsamp_result said(int method, int count, int rounds, int number)
+{
+    envsamp_lights_desc desc = ask(method, count);
+    envsamp_sizes sizes = { 77, 77 };
+    canvas c = noise_map(6, 3, 1, 1.0f);
+    kd_guarded scratch = kd_guarded_make(1 << 18, RUBBISH);
+    envsamp_light lights[4];
+    envsamp_result first, result;
+    int agree;
+
+    desc.refine_rounds = rounds;
+    desc.method = number >= 0 ? (envsamp_lights_method)number : desc.method;
+    first = envsamp_lights_sizes(&c.view, &desc, &sizes);
+    result = envsamp_lights(&c.view, &desc, lights, 4, scratch.buffer, NULL);
+    agree = first == result && kd_guarded_intact(&scratch) && sizes.table_bytes == 0
+         && (sizes.scratch_bytes > 0) == (first == ENVSAMP_OK);
+    free(scratch.block);
+    free(c.pixels);
+    return agree ? result : ENVSAMP_ERR_SIZE;
+}
+
+static void test_numbers(int method)
+{
+    CHECK(said(method, 4, 64, -1) == ENVSAMP_OK && said(method, 1, 0, -1) == ENVSAMP_OK
+          && said(method, 4, INT_MAX, -1) == ENVSAMP_OK, "%s: counts and rounds that are right",
+          method_names[method]);
+    CHECK(said(method, 0, 64, -1) == ENVSAMP_ERR_PARAM && said(method, -1, 64, -1)
+          == ENVSAMP_ERR_PARAM && said(method, 65537, 64, -1) == ENVSAMP_ERR_PARAM
+          && said(method, INT_MIN, 64, -1) == ENVSAMP_ERR_PARAM, "%s: counts that are not",
+          method_names[method]);
+    CHECK(said(method, 4, -1, -1) == ENVSAMP_ERR_PARAM && said(method, 4, INT_MIN, -1)
+          == ENVSAMP_ERR_PARAM, "%s: negative rounds", method_names[method]);
+    CHECK(said(method, 4, 64, ENVSAMP_LIGHTS_DECOMPOSED) == ENVSAMP_ERR_PARAM
+          && said(method, 4, 64, 6) == ENVSAMP_ERR_PARAM
+          && said(method, 4, 64, INT_MAX) == ENVSAMP_ERR_PARAM, "methods that are not there");
+}
+
+/* set_make gives just the bytes and the capacity asked for: here, what happens with less. */
+static void test_memory(int method)
+{
+    const envsamp_lights_desc desc = ask(method, 9);
+    canvas c = noise_map(33, 17, 1, 1.0f);
+    envsamp_buffer less, none = { NULL, 1 << 20 };
+    envsamp_image view = c.view;
+    light_set s;
+    int i, right = 0;
+
+    set_make(&s, &c.view, &desc);
+    less = s.scratch.buffer;
+    less.bytes--;
+    CHECK(s.result == ENVSAMP_OK && set_intact(&s)
+          && envsamp_lights(&view, &desc, s.lights, 9, less, NULL) == ENVSAMP_ERR_MEMORY,
+          "%s: enough scratch, and a byte less", method_names[method]);
+    for (i = 1; i < ENVSAMP_ALIGN; i++) {
+        less.data = (char *)s.scratch.buffer.data + i;
+        less.bytes = s.scratch.buffer.bytes;
+        right += envsamp_lights(&view, &desc, s.lights, 9, less, NULL) == ENVSAMP_ERR_ALIGN;
+    }
+    CHECK(right == ENVSAMP_ALIGN - 1
+          && envsamp_lights(&view, &desc, s.lights, 8, s.scratch.buffer, NULL)
+          == ENVSAMP_ERR_MEMORY && envsamp_lights(&view, &desc, s.lights, INT_MIN,
+                                                  s.scratch.buffer, NULL) == ENVSAMP_ERR_MEMORY
+          && set_intact(&s), "%s: %d of 15 shifts not aligned; too little capacity",
+          method_names[method], right);
+    view.pixels = NULL;
+    CHECK(envsamp_lights(&view, &desc, s.lights, 9, s.scratch.buffer, NULL) == ENVSAMP_ERR_NULL
+          && envsamp_lights(&c.view, &desc, NULL, 9, s.scratch.buffer, NULL) == ENVSAMP_ERR_NULL
+          && envsamp_lights(&c.view, &desc, s.lights, 9, none, NULL) == ENVSAMP_ERR_NULL
+          && envsamp_lights(NULL, &desc, s.lights, 9, s.scratch.buffer, NULL) == ENVSAMP_ERR_NULL,
+          "%s: no pixels, lights, scratch or image", method_names[method]);
+    set_free(&s);
+    free(c.pixels);
+}
+
+/* As the header says: cuts up to 6 MB, 3 for maps twice as wide as high; RELAXED 1 MB and 4 KB a
+   light, but for what HALFTONE takes. A twentieth more is allowed. */
+static void test_scratch(void)
+{
+    static const int shapes[5][3] = { { 1, 1, 1 }, { 2048, 1024, 32 }, { 8192, 4096, 64 },
+                                      { 4096, 4096, 1024 }, { 8192, 4096, 1024 } };
+    int i, right = 0;
+
+    for (i = 0; i < 5; i++) {
+        const envsamp_image view = kd_image(NULL, shapes[i][0], shapes[i][1], 3);
+        const envsamp_lights_desc cuts = ask(MEDIAN, shapes[i][2]);
+        const envsamp_lights_desc relaxed = ask(RELAXED, shapes[i][2]);
+        const size_t count = (size_t)shapes[i][2], mega = 1 << 20;
+        const size_t pieces = 4096 * (count < 512 ? count : 512) + mega;
+        envsamp_sizes sizes;
+
+        right += envsamp_lights_sizes(&view, &cuts, &sizes) == ENVSAMP_OK
+              && sizes.scratch_bytes <= (shapes[i][0] == shapes[i][1] ? 6 : 3) * mega / 20 * 21;
+        right += envsamp_lights_sizes(&view, &relaxed, &sizes) == ENVSAMP_OK
+              && sizes.scratch_bytes <= (pieces + 28u * (size_t)shapes[i][0]
+                                         + 24u * (size_t)shapes[i][1]) / 20 * 21;
+    }
+    CHECK(right == 10, "%d of 10 scratch sizes are as small as said", right);
+}
+
+static void test_arguments(void)
+{
+    int method;
+
+    for (method = 0; method < METHODS; method++) {
+        test_same(method);
+        test_bad_pixels(method);
+        test_numbers(method);
+        test_memory(method);
+    }
+    test_scratch();
+}
+
+static void test_where(void)
+{
+    int method, i;
+
+    test_one();
+    for (i = 0; i < 3; i++)
+        for (method = 0; method < METHODS; method++) {
+            const envsamp_mapping mapping = (envsamp_mapping)i;
+
+            test_lamps(method, 2, 0, mapping);
+            if (method != MEDIAN)
+                test_lamps(method, LAMPS, 0, mapping);
+            if (method != MEDIAN && mapping == ENVSAMP_LATLONG) {
+                test_lamps(method, LAMPS, 10, mapping);
+                test_lamps(method, LAMPS, 29, mapping);
+            }
+            if (method != RELAXED)
+                test_mirror(method, mapping);
+        }
+    test_squares();
+    for (i = 0; i < 9; i++)
+        test_stars((envsamp_mapping)(i % 3), (uint64_t)(20 + i));
+}
+
+static void test_few_texels(void)
+{
+    int method, texels, count;
+
+    for (method = 0; method < METHODS; method++) {
+        for (texels = 1; texels <= 3; texels += 2)
+            for (count = 5; count <= 64; count += 59)
+                test_few(method, texels, count, 0.0f);
+        test_few(method, 1, 1, 0.0f);
+        test_few(method, 1, 16, 1e-12f);
+    }
+    test_fallback();
+    test_patterns();
+}
+
+int main(void)
+{
+    int method;
+
+    test_maps();
+    test_shapes();
+    test_values();
+    test_judge();
+    test_cuts();
+    test_sparse_cuts();
+    test_spread();
+    test_equal();
+    test_where();
+    test_distance();
+    test_irradiance();
+    for (method = 0; method < METHODS; method++)
+        test_turned(method);
+    test_interleave();
+    test_few_texels();
+    test_arguments();
+    return check_done();
+}
