@@ -24,7 +24,7 @@ my $compiler   = $ENV{CC} || 'cc';
 my $flags      = '-std=c99 -O1 -w -I. -Iexamples/common';
 my @aids       = glob '{tests,examples/common}/*.c';
 my @files      = (qw(envsamp.h README.md examples/quickstart.c), glob('tests/*.{c,h,sh}'),
-                  glob('examples/common/*.{c,h}'));
+                  glob('examples/common/*.{c,h}'), glob('bench/*.h'));
 my %extra      = (test_work => '-finstrument-functions');
 my %options;
 getopts('j:k', \%options) or exit 2;
