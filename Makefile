@@ -20,7 +20,7 @@ EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
 
 COMMON   := examples/common/image.c examples/common/maps.c
 DEMO     := examples/demo.c examples/common/picture.c bench/baselines.c
-EXAMPLES := $(BUILD)/quickstart $(BUILD)/placement $(BUILD)/lights
+EXAMPLES := $(BUILD)/quickstart $(BUILD)/placement $(BUILD)/lights $(BUILD)/product
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard examples/common/*.h tests/*.h bench/*.h)
@@ -28,7 +28,7 @@ TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 TEST_AID := $(filter-out $(wildcard tests/test_*.c),$(wildcard tests/*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 
-.PHONY: help demo lights test bench scale fuzz mutants figures convergence halftone scene data setup clean
+.PHONY: help demo lights product test bench scale fuzz mutants figures convergence halftone scene data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -47,6 +47,9 @@ test: setup $(TESTS) $(EXAMPLES) $(BUILD)/demo_exr  ## build and run all tests
 
 lights: $(BUILD)/lights  ## a map as directional lights, and pictures; LIGHTS="-k 32 data/city.pfm"
 	$(BUILD)/lights -o $(BUILD)/pictures $(LIGHTS)
+
+product: $(BUILD)/product  ## product sampling by halftones beside BRDF and SIR, and a picture
+	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT)
 
 # MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.
 bench: $(BUILD)/bench $(BUILD)/bench_batch  ## time it against other samplers; MAP=name or file
@@ -103,6 +106,9 @@ $(BUILD)/placement: examples/placement.c $(COMMON) $(HEADERS) | $(BUILD)
 
 $(BUILD)/lights: examples/lights.c examples/common/picture.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) examples/lights.c examples/common/picture.c $(COMMON) -lm -o $@
+
+$(BUILD)/product: examples/product.c examples/common/picture.c $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) examples/product.c examples/common/picture.c $(COMMON) -lm -o $@
 
 $(BUILD)/exr_to_pfm: examples/common/exr_to_pfm.c examples/common/image.c examples/common/exr.c \
                      $(HEADERS) | $(BUILD)

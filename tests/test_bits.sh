@@ -1,6 +1,6 @@
 #!/bin/sh
-# The same map gives the same tables and samples, bit for bit, with every compiler here, C and C++,
-# at every optimisation level, as long as arithmetic is not contracted.
+# The same map gives the same tables, samples, halftones and lights, bit for bit, with every compiler
+# here, C and C++, at every optimisation level, as long as arithmetic is not contracted.
 cd "$(dirname "$0")/.." || exit 1
 tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
@@ -155,6 +155,49 @@ static void build_mappings(envsamp_image map, envsamp_kd_desc desc)
     }
 }
 
+/* Every kernel, scan and method of lights; lights of every mapping and number of channels, two sets
+   of them interleaved. */
+static void choose(envsamp_image map)
+{
+    static envsamp_texel texels[200];
+    static envsamp_light lights[200], turned[200];
+    envsamp_halftone_desc halftone;
+    envsamp_lights_desc desc = envsamp_lights_defaults();
+    envsamp_lights_info info;
+    envsamp_sizes sizes;
+    envsamp_buffer scratch;
+    int i, count;
+
+    scratch.data = malloc(scratch.bytes = 8 << 20);
+    for (i = 0; i < 48; i++) {
+        halftone.count = 1 + 4 * i;
+        halftone.kernel = (envsamp_kernel)(i % 6);
+        halftone.scan = (envsamp_scan)(i / 6 % 2);
+        halftone.repeat = i / 12 % 2;
+        halftone.seed = (uint32_t)(i / 24);
+        if (envsamp_halftone(map.pixels, map.width, map.height, 0, &halftone, texels, 200, &count,
+                             scratch))
+            exit(1);
+        add(texels, (size_t)count * sizeof *texels);
+    }
+    for (i = 0; i < 45; i++) {
+        map.mapping = (envsamp_mapping)(i % 3);
+        map.channels = i / 3 % 3 + 1 + (i / 3 % 3 > 0);
+        map.width = 96 / map.channels;
+        desc.method = (envsamp_lights_method)(1 + i / 9);
+        desc.count = 3 + 4 * i;
+        desc.seed = (uint32_t)i;
+        if (envsamp_lights_sizes(&map, &desc, &sizes)
+            || envsamp_lights(&map, &desc, lights, 200, scratch, &info)
+            || envsamp_lights_interleave(lights, desc.count, i % 4, 4, 0.1f, 7, turned))
+            exit(1);
+        add(lights, (size_t)desc.count * sizeof *lights);
+        add(turned, (size_t)desc.count * sizeof *turned);
+        add(info.integral, sizeof info.integral);
+    }
+    free(scratch.data);
+}
+
 int main(void)
 {
     static float pixels[96 * 48];
@@ -167,6 +210,7 @@ int main(void)
         state = state * 1664525u + 1013904223u;
         pixels[i] = (float)(state >> 8) / 16777216.0f + (i == 1234 ? 1e5f : 0.0f);
     }
+    choose(map);
     desc.block_count = 500;
     build_mappings(map, desc);
     desc.bilinear = 0;

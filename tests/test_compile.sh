@@ -276,6 +276,8 @@ while read -r name type; do
         echo "typedef envsamp_kd kd; typedef envsamp_image im; typedef envsamp_kd_desc de;"
         echo "typedef envsamp_result re; typedef const float cf;"
         echo "typedef envsamp_buffer bu; typedef envsamp_mapping ma;"
+        echo "typedef envsamp_halftone_desc hd; typedef envsamp_lights_desc ld;"
+        echo "typedef envsamp_light li; typedef envsamp_lights_info in; typedef envsamp_sizes si;"
         echo "extern int use(void);"
         echo "int use(void) { $type = $name; return p != 0; }"
     } >"$work/contract.c"
@@ -300,6 +302,12 @@ envsamp_kd_sample_n void (*p)(const kd *, size_t, cf *, cf *, float *, float *, 
 envsamp_kd_pdf_n void (*p)(const kd *, size_t, cf *, cf *, cf *, float *)
 envsamp_kd_get_info re (*p)(const kd *, envsamp_kd_info *)
 envsamp_kd_get_block re (*p)(const kd *, int, envsamp_kd_block *)
+envsamp_halftone_sizes re (*p)(int, int, const hd *, si *)
+envsamp_halftone re (*p)(cf *, int, int, size_t, const hd *, envsamp_texel *, int, int *, bu)
+envsamp_lights_defaults ld (*p)(void)
+envsamp_lights_sizes re (*p)(const im *, const ld *, si *)
+envsamp_lights re (*p)(const im *, const ld *, li *, int, bu, in *)
+envsamp_lights_interleave re (*p)(const li *, int, int, int, float, uint32_t, li *)
 envsamp_lm_scratch_bytes size_t (*p)(const envsamp_lm_desc *)
 envsamp_lm re (*p)(const envsamp_lm_desc *, envsamp_lm_fn, void *, double *, bu, envsamp_lm_info *)
 END
@@ -317,6 +325,15 @@ SAME(criteria, ENVSAMP_KD_SSE == 0 && ENVSAMP_KD_VARIANCE == 1 && ENVSAMP_KD_RAN
      && ENVSAMP_KD_EXCESS == 3);
 SAME(models, ENVSAMP_KD_LOG == 0 && ENVSAMP_KD_POWER == 1);
 SAME(objectives, ENVSAMP_KD_L1 == 0 && ENVSAMP_KD_CHI2 == 1 && ENVSAMP_ALIGN == 16);
+SAME(kernels, ENVSAMP_KERNEL_SZIRMAY == 0 && ENVSAMP_KERNEL_FLOYD_STEINBERG == 1
+     && ENVSAMP_KERNEL_JARVIS == 2 && ENVSAMP_KERNEL_STUCKI == 3
+     && ENVSAMP_KERNEL_OSTROMOUKHOV == 4 && ENVSAMP_KERNEL_RANDOM == 5);
+SAME(scans, ENVSAMP_SCAN_CELLS == 0 && ENVSAMP_SCAN_TEXELS == 1);
+SAME(methods, ENVSAMP_LIGHTS_DECOMPOSED == 0 && ENVSAMP_LIGHTS_MEDIAN_CUT == 1
+     && ENVSAMP_LIGHTS_VARIANCE_CUT == 2 && ENVSAMP_LIGHTS_HALFTONE == 3
+     && ENVSAMP_LIGHTS_RANDOM == 4 && ENVSAMP_LIGHTS_RELAXED == 5);
+SAME(texel, sizeof(envsamp_texel) == 12 && offsetof(envsamp_texel, probability) == 8);
+SAME(light, sizeof(envsamp_light) == 36 && offsetof(envsamp_light, direct) == 32);
 SAME(sample, sizeof(envsamp_sample) == 24 && offsetof(envsamp_sample, pdf) == 12);
 SAME(block, sizeof(envsamp_kd_block) == 24 && offsetof(envsamp_kd_block, probability) == 20);
 END

@@ -1030,6 +1030,30 @@ static void test_squares(int method, int width)
     free(c.pixels);
 }
 
+/* One light of a quarter of a map that has squares: errors of their middles cancel. Those of an
+   octahedral map shine from a texel next to their middles. */
+static void test_even_squares(int method, int width, envsamp_mapping mapping)
+{
+    const envsamp_lights_desc desc = ask(method, 1);
+    const double texel = 2.0 * KD_PI / (double)width;
+    canvas c = canvas_make(width, width / 2, 1, 0);
+    light_set s;
+    double off;
+    grid g;
+
+    c.view.mapping = mapping;
+    canvas_fill(&c, width / 7, width / 6, width / 3, width / 4, 1.0f);
+    g = grid_make(&c.view);
+    set_make(&s, &c.view, &desc);
+    off = off_middle(s.lights, &g.total) / texel;
+    CHECK(off <= (mapping == ENVSAMP_OCTAHEDRAL ? 1.0 : 0.2), "%s, mapping %d, %d columns: the "
+          "middle of many squares is %.3f texels off", method_names[method], (int)mapping, width,
+          off);
+    set_free(&s);
+    free(g.cells);
+    free(c.pixels);
+}
+
 /* Columns the other way round: the lights of cuts are those of the map in a mirror. */
 static void test_mirror(int method, envsamp_mapping mapping)
 {
@@ -1203,6 +1227,73 @@ static void test_stars(envsamp_mapping mapping, uint64_t seed)
     set_free(&s);
     free(g.cells);
     free(c.pixels);
+}
+
+/* Without rounds every light stands at the centroid of what is nearest to HALFTONE's, in order. */
+static void test_no_rounds(envsamp_mapping mapping, uint64_t seed)
+{
+    enum { COUNT = 8 };
+    const envsamp_lights_desc start = ask_other(ENVSAMP_LIGHTS_HALFTONE, COUNT, 0);
+    envsamp_lights_desc desc = ask(RELAXED, COUNT);
+    canvas c = stars_map(mapping, seed);
+    grid g = grid_make(&c.view);
+    light_set halftone, s, again;
+    double middle = 0.0, minimum;
+    cell parts[COUNT];
+    int i;
+
+    desc.refine_rounds = 0;
+    set_make(&halftone, &c.view, &start);
+    set_make_over(&s, &c.view, &desc, 0xff);
+    set_make_over(&again, &c.view, &desc, 0x11);
+    voronoi(&g, &halftone, parts);
+    for (i = 0; i < COUNT; i++)
+        worst(&middle, off_middle(&s.lights[i], &parts[i]));
+    minimum = off_minimum(&g, &s);
+    CHECK(middle <= 2e-6 && minimum <= 1e-6 && sets_equal(&s, &again), "RELAXED, mapping %d, no "
+          "rounds: lights are centroids of HALFTONE's parts, %.1e rad off, slopes differ by %.1e",
+          (int)mapping, middle, minimum);
+    set_free(&halftone);
+    set_free(&s);
+    set_free(&again);
+    free(g.cells);
+    free(c.pixels);
+}
+
+/* A few stars have most blue, so that some lights would have less than none of it: they are left a
+   twentieth of what is nearest to them, and no more. */
+static void test_least_weight(void)
+{
+    enum { COUNT = 40 };
+    const envsamp_lights_desc desc = ask(RELAXED, COUNT);
+    double least = 1e300, clamped = 0.0;
+    uint64_t seed;
+    int i, k;
+
+    for (seed = 20; seed < 40; seed++) {
+        canvas c = stars_map(ENVSAMP_OCTAHEDRAL, seed);
+        pcg32 random = pcg32_make(seed, 11);
+        cell parts[COUNT];
+        light_set s;
+        grid g;
+
+        for (i = 0; i < 40 * 26; i++)
+            c.pixels[3 * i + 2] *= 2.0f * powf(pcg32_float(&random), 12.0f);
+        g = grid_make(&c.view);
+        set_make(&s, &c.view, &desc);
+        voronoi(&g, &s, parts);
+        for (k = 0; k < COUNT; k++) {
+            const double share = (double)s.lights[k].irradiance[2] / parts[k].rgb[2];
+
+            least = fmin(least, share);
+            clamped += share < 0.06;
+        }
+        set_free(&s);
+        free(g.cells);
+        free(c.pixels);
+    }
+    CHECK(least >= 0.03 && least <= 0.051 && clamped <= COUNT * 10.0, "RELAXED: the least weight "
+          "is %.4f of what is nearest, %.0f of them", least, clamped);
 }
 
 /* ---- the energy distance ---- */
@@ -1638,8 +1729,8 @@ static void test_places(double half, float extent, int set_count, int how)
     free(places);
 }
 
-/* Lights of a set take unlike places of their discs. */
-static void test_unlike(void)
+/* Lights of a set take unlike places of their discs; if there is but one set, unlike azimuths. */
+static void test_unlike(int set_count)
 {
     envsamp_light lights[TURNED_LIGHTS], out[TURNED_LIGHTS];
     double x = 0.0, y = 0.0, square = 0.0;
@@ -1648,7 +1739,7 @@ static void test_unlike(void)
     lights_about(lights, 0.2);
     for (i = 0; i < TURNED_LIGHTS; i++)
         lights[i] = lights[20];
-    envsamp_lights_interleave(lights, TURNED_LIGHTS, 3, 16, 0.5f, 1, out);
+    envsamp_lights_interleave(lights, TURNED_LIGHTS, set_count / 4, set_count, 0.5f, 1, out);
     for (i = 0; i < TURNED_LIGHTS; i++) {
         double place[2];
 
@@ -1657,8 +1748,8 @@ static void test_unlike(void)
         y += place[1] / 0.1 / TURNED_LIGHTS;
         square += (place[0] * place[0] + place[1] * place[1]) / 0.01 / TURNED_LIGHTS;
     }
-    CHECK(hypot(x, y) <= 0.25 && fabs(square - 0.5) <= 0.12, "lights of a set are turned each its "
-          "way: mean %.3f, squares %.3f", hypot(x, y), square);
+    CHECK(hypot(x, y) <= 0.25 && fabs(square - 0.5) <= 0.12, "lights of one of %d sets are turned "
+          "each its way: mean %.3f, squares %.3f", set_count, hypot(x, y), square);
 }
 
 /* Whether nothing but the direction differs, which is a unit vector within the disc. */
@@ -1730,22 +1821,42 @@ static int interleaved_differ(int set_a, int set_b, int set_count, uint32_t seed
     return differ;
 }
 
-/* Any cone, and numbers of sets to the last. */
+/* Lights at all places with the same cone, turned at most; how many are right. */
+static int turn_cones(float cone, envsamp_light *out)
+{
+    envsamp_light lights[TURNED_LIGHTS];
+    int i, right = 0;
+
+    lights_about(lights, 0.1);
+    for (i = 0; i < TURNED_LIGHTS; i++)
+        lights[i].cos_extent = cone;
+    envsamp_lights_interleave(lights, TURNED_LIGHTS, 2, 4, 1.0f, 1, out);
+    for (i = 0; i < TURNED_LIGHTS; i++) {
+        right += turned_right(&lights[i], &out[i], 1.0);
+        out[i].cos_extent = 0.0f;
+    }
+    return right;
+}
+
+/* Any cone, and numbers of sets to the last. Cosines out of range are taken for the nearest. */
 static void test_turn_ranges(void)
 {
-    static const float cones[] = { -1.0f, 1.0f, -5.0f, 5.0f, 0.0f, 0.99999994f };
-    envsamp_light lights[TURNED_LIGHTS], out[TURNED_LIGHTS];
+    static const float cones[4] = { -1.0f, 1.0f, 0.0f, 0.99999994f };
+    envsamp_light lights[TURNED_LIGHTS], out[TURNED_LIGHTS], ends[2][TURNED_LIGHTS];
     int i, k, right = 0;
 
-    for (k = 0; k < 6; k++) {
-        lights_about(lights, 0.1);
-        for (i = 0; i < TURNED_LIGHTS; i++)
-            lights[i].cos_extent = cones[k];
-        envsamp_lights_interleave(lights, TURNED_LIGHTS, 2, 4, 1.0f, 1, out);
-        for (i = 0; i < TURNED_LIGHTS; i++)
-            right += turned_right(&lights[i], &out[i], 1.0);
+    for (k = 0; k < 4; k++)
+        right += turn_cones(cones[k], out);
+    CHECK(right == 4 * TURNED_LIGHTS, "%d of %d lights of odd cones", right, 4 * TURNED_LIGHTS);
+    turn_cones(-1.0f, ends[0]);
+    turn_cones(1.0f, ends[1]);
+    for (right = 0, k = 0; k < 2; k++) {
+        turn_cones(k ? 1.5f : -1.5f, out);
+        right += !memcmp(out, ends[k], sizeof out);
+        turn_cones(k ? INFINITY : -INFINITY, out);
+        right += !memcmp(out, ends[k], sizeof out);
     }
-    CHECK(right == 6 * TURNED_LIGHTS, "%d of %d lights of odd cones", right, 6 * TURNED_LIGHTS);
+    CHECK(right == 4, "%d of 4 cosines out of range are taken for the nearest", right);
     lights_about(lights, 0.4);
     for (right = 0, k = 1; k <= 2; k++) {
         envsamp_lights_interleave(lights, TURNED_LIGHTS, INT_MAX - k, INT_MAX, 0.5f, 9, out);
@@ -1794,7 +1905,8 @@ static void test_interleave(void)
     test_places(0.5, 0.3f, 200, SPIRAL);
     for (how = SAME_ANGLE; how < SPREADS; how++)
         test_places(0.3, 0.5f, 64, how);
-    test_unlike();
+    test_unlike(16);
+    test_unlike(1);
     test_copies();
     CHECK(interleaved_differ(0, 1, 4, 5, 5) == TURNED_LIGHTS
           && interleaved_differ(1, 1, 4, 5, 6) == TURNED_LIGHTS
@@ -1823,7 +1935,8 @@ static double luminance_near(const light_set *s, int x, int y, const envsamp_ima
 }
 
 /* Lights of a few lit texels stand at them, however many there are, and have their energy; those of
-   HALFTONE, which RELAXED falls back to, within a light's. `floor`: what shines elsewhere. */
+   HALFTONE, which RELAXED falls back to, within a light's. `floor`: what shines elsewhere, which
+   has lights of its own with RELAXED. */
 static void test_few(int method, int texels, int count, float floor)
 {
     static const int at[3][2] = { { 10, 5 }, { 40, 20 }, { 25, 16 } };
@@ -1833,7 +1946,7 @@ static void test_few(int method, int texels, int count, float floor)
     light_set s;
     verdict v;
     grid g;
-    int i;
+    int i, dark = 0;
 
     memset(&v, 0, sizeof v);
     canvas_fill(&c, 0, 0, 64, 32, floor);
@@ -1848,9 +1961,12 @@ static void test_few(int method, int texels, int count, float floor)
         worst(&off, fabs(luminance_near(&s, at[i][0], at[i][1], &c.view) - lit.luminance)
                     / g.total.luminance);
     }
-    CHECK(verdict_good(&v) && off <= (method == RELAXED && texels > 1 ? 1.0 / count : 1e-6),
-          "%s, %d lights of %d texels, %g elsewhere: %.1e of the energy is elsewhere",
-          method_names[method], count, texels, (double)floor, off);
+    for (i = 0; i < count; i++)
+        dark += !(light_luminance(&s.lights[i]) > 1e-6 * g.total.luminance / count);
+    CHECK(verdict_good(&v) && off <= (method == RELAXED && texels > 1 ? 1.0 / count : 1e-6)
+          && (dark == 0 || (method == RELAXED && floor > 0.0f)), "%s, %d lights of %d texels, %g elsewhere: %.1e of the energy is "
+          "elsewhere, %d lights are dark", method_names[method], count, texels, (double)floor, off,
+          dark);
     set_free(&s);
     free(g.cells);
     free(c.pixels);
@@ -2107,9 +2223,14 @@ static void test_where(void)
         test_squares(method, 699);
         test_squares(method, 1024);
         test_squares(method, 3001);
+        for (i = 0; i < 3; i++)
+            test_even_squares(method, 1000, (envsamp_mapping)i);
     }
     for (i = 0; i < 9; i++)
         test_stars((envsamp_mapping)(i % 3), (uint64_t)(20 + i));
+    for (i = 0; i < 3; i++)
+        test_no_rounds((envsamp_mapping)i, (uint64_t)(20 + i));
+    test_least_weight();
 }
 
 static void test_few_texels(void)

@@ -1,12 +1,13 @@
 #!/bin/sh
 # The tests that damage tables and feed bad input once more, under the address and undefined
-# behaviour sanitizers: reads outside a table that happen to be harmless fail here.
+# behaviour sanitizers: reads outside a table that happen to be harmless fail here. Without the real
+# maps, which are not where they run.
 cd "$(dirname "$0")/.." || exit 1
 cc=${CC:-cc}
 tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
 kinds=address,undefined,float-divide-by-zero,float-cast-overflow
-subjects="kd_faults kd_table kd_layout kd_warp cdf lm"
+subjects="kd_faults kd_table kd_layout kd_warp cdf lm halftone lights lights_cuts"
 count=0
 
 printf 'int main(void) { return 0; }\n' >"$tmp/probe.c"
@@ -23,7 +24,7 @@ for subject in $subjects; do
     elif $cc -std=c99 -O1 -g -fsanitize=$kinds -fno-sanitize-recover=all -I. \
             -Iexamples/common "tests/test_$subject.c" tests/statistics.c \
             examples/common/image.c examples/common/maps.c -lm -o "$tmp/$subject" \
-            2>"$tmp/log" && "$tmp/$subject" $quick >"$tmp/out" 2>>"$tmp/log"; then
+            2>"$tmp/log" && (cd "$tmp" && "./$subject" $quick) >"$tmp/out" 2>>"$tmp/log"; then
         echo "ok $count - $subject is clean under the sanitizers"
     else
         echo "not ok $count - $subject is clean under the sanitizers"

@@ -1,0 +1,1025 @@
+/* product.c: product sampling: 32 rays for every pixel, chosen for it by error diffusion over light
+ * x BRDF x cosine, beside BRDF sampling and sampling-importance resampling at as many rays.
+ *
+ *     product [-q] [-o FOLDER] [MAP]
+ *
+ * MAP is a lat-long PFM file or a name of maps.h; the default is sky, whose sun fills a few texels
+ * with nine tenths of the light: hardest to find for the BRDF, and of another colour than the rest.
+ * Prints errors, biases and times, and draws FOLDER/product.png (build/pictures). -q is a test: a
+ * small picture without the file, and status 1 unless, where nothing is in the way of the light,
+ * halftoned samples have at most a third of the error of BRDF sampling, half of that of resampling.
+ *
+ * How it is done [Szirmay-Kalos, Szecsi, Penzov: Environment Mapping with Floyd-Steinberg
+ * Halftoning, 2010, section 1.3.3]. What a point x reflects of the map, and its estimate, are
+ *
+ *     L = integral of L_env(w) f_r(w) cos(w) V(w) dw  =~  1/M sum of L_env f_r cos V (w_i) / p(w_i)
+ *
+ * with a ray traced for each V. For every point an importance map I of 32 x 32 texels is made: light
+ * x BRDF x cosine, the double product, or also x V~, a cheap visibility by spheres inside of the
+ * objects, the triple product. envsamp_halftone chooses M = 32 of its texels, and in each a
+ * direction is drawn: p is the texel's probability I / sum I, over its solid angle, times the
+ * density within it.
+ *
+ * Three things make that work, and each is a comment below: the map's texels are blocks of a mip
+ * chain of the light (the dome), so that a sun cannot slip through; I is above zero wherever
+ * the integrand is; and the map is handed over as one row, in the order of Hilbert's curve.
+ */
+#define ENVSAMP_IMPLEMENTATION
+#include "../envsamp.h"
+
+#include "common/maps.h"
+#include "common/picture.h"
+#include "common/product_scene.h"
+#include "common/random.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#ifdef _WIN32
+#include <direct.h>
+#define MAKE_FOLDER(path) _mkdir(path)
+#else
+#include <sys/stat.h>
+#include <sys/types.h>
+#define MAKE_FOLDER(path) mkdir(path, 0777)
+#endif
+
+#define RAYS 32                      /* M: traced for a pixel, by every method */
+#define SIDE 32                      /* of an importance map */
+#define TEXELS (SIDE * SIDE)
+#define LEVELS 4                     /* of the dome: 32, 64, 128 and 256 texels wide */
+#define FINE (SIDE << (LEVELS - 1))
+#define FINE_SR (2.0f * LIGHT_PI / (FINE * FINE))
+#define LIGHT_AZIMUTH 4.35f          /* of the map's light in the scene: from behind, to the left */
+#define BELOW_ONE 0.99999994f
+
+/* ---- the dome: the light above the horizon ---------------------------------------------------- */
+
+/* A square texel of some level: its mean radiance, where on average that comes from, and how far
+   from there its corners are. */
+typedef struct node { float rgb[3], luminance, dir[3], reach; } node;
+
+/* Equal-area, so that luminance is importance already: the square is that half of the octahedral
+   mapping which lies above the horizon, turned by 45 degrees and enlarged. Texels of a level are
+   blocks of 2 x 2 of the next. */
+typedef struct dome {
+    node *level[LEVELS], *fine;      /* fine: the last */
+    float middle[TEXELS][3], reach;  /* of the first level: middles, the farthest of all corners */
+} dome;
+
+static void dome_dir(float u, float v, float dir[3])
+{
+    const float a = 2.0f * u - 1.0f, b = 2.0f * v - 1.0f;
+
+    envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, 0.5f + 0.25f * (a + b), 0.5f + 0.25f * (a - b), dir);
+    dir[2] = fmaxf(dir[2], 0.0f);
+}
+
+static void dome_uv(const float dir[3], float uv[2])
+{
+    float a, b;
+
+    envsamp_dir_to_uv(ENVSAMP_OCTAHEDRAL, dir, uv);
+    a = uv[0] + uv[1] - 0.5f;
+    b = uv[0] - uv[1] + 0.5f;
+    uv[0] = fminf(fmaxf(a, 0.0f), BELOW_ONE);
+    uv[1] = fminf(fmaxf(b, 0.0f), BELOW_ONE);
+}
+
+/* The finest texel in a direction above the horizon. */
+static int dome_texel(const float dir[3])
+{
+    float uv[2];
+
+    dome_uv(dir, uv);
+    return (int)(uv[1] * FINE) * FINE + (int)(uv[0] * FINE);
+}
+
+static float chord(const float a[3], const float b[3])
+{
+    const float d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+
+    return sqrtf(dot3(d, d));
+}
+
+static float farthest_corner(int x, int y, int side, const float from[3])
+{
+    float corner[3], reach = 0.0f;
+    int i;
+
+    for (i = 0; i < 4; i++) {
+        dome_dir((float)(x + i % 2) / (float)side, (float)(y + i / 2) / (float)side, corner);
+        reach = fmaxf(reach, chord(from, corner));
+    }
+    return reach;
+}
+
+/* Spreads every texel above the horizon over the dome, in parts, turned by an azimuth. */
+static void dome_splat(dome *d, const image *map, float turn)
+{
+    const int split = map->width < 4096 ? 4096 / map->width : 1;
+    int x, y, i, k;
+
+    for (y = 0; y < map->height / 2 * split; y++)
+        for (x = 0; x < map->width * split; x++) {
+            const float *from = map->rgb + 3 * ((size_t)(y / split) * (size_t)map->width
+                                                + (size_t)(x / split));
+            const float sr = texel_sr(map->width * split, map->height * split, y);
+            float dir[3];
+
+            envsamp_uv_to_dir(ENVSAMP_LATLONG,
+                              ((float)x + 0.5f) / (float)(map->width * split)
+                              + turn / (2.0f * LIGHT_PI),
+                              ((float)y + 0.5f) / (float)(map->height * split), dir);
+            k = dome_texel(dir);
+            for (i = 0; i < 3; i++)
+                d->fine[k].rgb[i] += fmaxf(from[i], 0.0f) * sr / FINE_SR;
+        }
+}
+
+/* A texel of its four parts; of the finest, where parts is NULL, the radiance is known already. */
+static void node_fill(node *to, int x, int y, int side, const node *parts)
+{
+    float sum[3] = {0.0f, 0.0f, 0.0f};
+    int i, k;
+
+    for (i = 0; i < 4 && parts; i++) {
+        const node *from = &parts[(2 * y + i / 2) * 2 * side + 2 * x + i % 2];
+
+        for (k = 0; k < 3; k++) {
+            to->rgb[k] += 0.25f * from->rgb[k];
+            sum[k] += from->luminance * from->dir[k];
+        }
+    }
+    to->luminance = envsamp_luminance(to->rgb);
+    if (dot3(sum, sum) > 0.0f) {
+        memcpy(to->dir, sum, sizeof sum);
+        scene_normalize(to->dir);
+    } else {
+        dome_dir(((float)x + 0.5f) / (float)side, ((float)y + 0.5f) / (float)side, to->dir);
+    }
+    to->reach = farthest_corner(x, y, side, to->dir);
+}
+
+static void dome_finish(dome *d)
+{
+    int level, i;
+
+    for (level = LEVELS - 1; level >= 0; level--) {
+        const int side = SIDE << level;
+
+        for (i = 0; i < side * side; i++)
+            node_fill(&d->level[level][i], i % side, i / side, side,
+                      level < LEVELS - 1 ? d->level[level + 1] : NULL);
+    }
+    d->reach = 0.0f;
+    for (i = 0; i < TEXELS; i++) {
+        const int x = i % SIDE, y = i / SIDE;
+
+        dome_dir(((float)x + 0.5f) / SIDE, ((float)y + 0.5f) / SIDE, d->middle[i]);
+        d->reach = fmaxf(d->reach, farthest_corner(x, y, SIDE, d->middle[i]));
+    }
+    d->reach = 2.0f * asinf(0.5f * d->reach);
+}
+
+/* Azimuth that the map is turned by, so that its light comes from one side in every map. */
+static float light_turn(const image *map)
+{
+    float x = 0.0f, y = 0.0f;
+    int i, row;
+
+    for (row = 0; row < map->height / 2; row++)
+        for (i = 0; i < map->width; i++) {
+            const float phi = 2.0f * LIGHT_PI * ((float)i + 0.5f) / (float)map->width;
+            const float weight = texel_luminance(map, i, row)
+                                 * texel_sr(map->width, map->height, row);
+
+            x += weight * cosf(phi);
+            y += weight * sinf(phi);
+        }
+    return LIGHT_AZIMUTH - atan2f(y, x);
+}
+
+/* To be freed with free; NULL if memory is short. */
+static dome *dome_make(const image *map)
+{
+    const size_t nodes = (size_t)FINE * FINE * 4 / 3;
+    dome *d = calloc(1, sizeof *d + nodes * sizeof(node));
+    node *next;
+    int level;
+
+    if (!d)
+        return NULL;
+    next = (node *)(void *)(d + 1);
+    for (level = 0; level < LEVELS; level++) {
+        d->level[level] = next;
+        next += (SIDE << level) * (SIDE << level);
+    }
+    d->fine = d->level[LEVELS - 1];
+    dome_splat(d, map, light_turn(map));
+    dome_finish(d);
+    return d;
+}
+
+/* ---- importance ------------------------------------------------------------------------------ */
+
+/* BRDF x cosine of a texel. What a diffuse surface shows of light from many directions it shows of
+   their mean, weighted by the light: that is where the texel is looked at. Texels that the point's
+   horizon passes through must not be lost when just their middle is below it, or their light is: so
+   the cosine is the mean of max(0, c + t), with t even in [-reach, reach]. It is zero only if all
+   corners are below. */
+static float node_reflected(const node *t, const scene_point *p)
+{
+    const float c = dot3(p->normal, t->dir), above = c + t->reach;
+    const float cosine = c >= t->reach ? c : 0.25f * above * above / t->reach;
+
+    return above > 0.0f ? cosine * scene_brdf(p, t->dir) : 0.0f;
+}
+
+static float node_importance(const node *t, const scene_point *p)
+{
+    return t->luminance > 0.0f ? t->luminance * node_reflected(t, p) : 0.0f;
+}
+
+/* The map of a point, row by row: the double product, or with proxies the triple product. */
+static void importance_map(const dome *d, const scene_point *p, int triple, float map[TEXELS])
+{
+    scene_proxy proxies[SCENE_SPHERES];
+    const int count = triple ? scene_proxies(p, d->reach, proxies) : 0;
+    int i;
+
+    for (i = 0; i < TEXELS; i++) {
+        map[i] = node_importance(&d->level[0][i], p);
+        if (count > 0 && map[i] > 0.0f)
+            map[i] *= scene_free_share(proxies, count, d->middle[i]);
+    }
+}
+
+/* Takes the first part of two or the second, with the share of the first, and makes a new random
+   number of what is left of u. Returns the probability of what was taken. */
+static float split(float share, float *u, int *second)
+{
+    *second = *u >= share;
+    *u = *second ? (*u - share) / (1.0f - share) : *u / share;
+    *u = fminf(*u, BELOW_ONE);
+    return *second ? 1.0f - share : share;
+}
+
+/* Draws a direction within texel (x, y) of an importance map: down the mip chain, at each level one
+   of four parts by light x BRDF x cosine. Returns its density over that of the whole texel, or 0 for
+   nothing at all, and its finest texel. */
+static float draw_within(const dome *d, const scene_point *p, int x, int y, const float jitter[2],
+                         float dir[3], int *texel)
+{
+    float u = jitter[0], v = jitter[1], density = 1.0f;
+    int level, right, below;
+
+    for (level = 1; level < LEVELS; level++) {
+        const int side = SIDE << level;
+        const node *part = &d->level[level][2 * y * side + 2 * x];
+        const float w[4] = {node_importance(part, p), node_importance(part + 1, p),
+                            node_importance(part + side, p), node_importance(part + side + 1, p)};
+        const float upper = w[0] + w[1], lower = w[2] + w[3];
+
+        if (!(upper + lower > 0.0f)) {
+            memcpy(dir, part->dir, sizeof part->dir);
+            return 0.0f;
+        }
+        density *= 4.0f * split(upper / (upper + lower), &v, &below);
+        density *= split(w[2 * below] / (below ? lower : upper), &u, &right);
+        x = 2 * x + right;
+        y = 2 * y + below;
+    }
+    *texel = y * FINE + x;
+    dome_dir(((float)x + u) / FINE, ((float)y + v) / FINE, dir);
+    return density;
+}
+
+/* ---- choosing rays --------------------------------------------------------------------------- */
+
+enum { BRDF, SIR_BRDF, SIR_LIGHT, SIR_MAP, DOUBLE, TRIPLE, WAYS };
+
+static const char *const way_names[WAYS] = {
+    "BRDF sampling", "SIR of 1024 by the BRDF", "SIR of 1024 by the light",
+    "SIR of the importance map", "double product, halftoned", "triple product, halftoned"
+};
+
+static const envsamp_halftone_desc halftone_desc = {
+    RAYS, ENVSAMP_KERNEL_SZIRMAY, 0, ENVSAMP_SCAN_CELLS, 1
+};
+
+/* What it takes to shade. */
+typedef struct shading {
+    dome *dome;
+    double cdf[FINE * FINE];         /* of the light, for candidates of SIR */
+    int hilbert[TEXELS];             /* texel y * SIDE + x of each step of the curve */
+    envsamp_buffer scratch;
+    envsamp_texel chosen[RAYS];
+    float rays[RAYS][3];             /* of the last point, for the picture */
+    int ray_count;
+} shading;
+
+/* Hilbert's curve through the texels of a square whose side is a power of two: the bits of a step
+   name quarters, and each quarter is mirrored or turned so that ends meet. */
+static int hilbert_texel(int step)
+{
+    int x = 0, y = 0, side;
+
+    for (side = 1; side < SIDE; side *= 2, step /= 4) {
+        const int right = step / 2 % 2, below = (step ^ right) % 2;
+
+        if (!below) {
+            const int old = x;
+
+            x = right ? side - 1 - y : y;
+            y = right ? side - 1 - old : old;
+        }
+        x += side * right;
+        y += side * below;
+    }
+    return y * SIDE + x;
+}
+
+/* Chooses RAYS entries of a row of importance. Any may be chosen more than once: with `repeat` 0 a
+   sun must leave to its neighbours what it has beyond an M-th of all, and samples over M p are biased.
+   A seed of its own for every pixel makes errors noise; one for all makes bands. */
+static int choose(shading *s, const float row[TEXELS], envsamp_kernel kernel, uint32_t seed)
+{
+    envsamp_halftone_desc desc = halftone_desc;
+    int count;
+
+    desc.kernel = kernel;
+    desc.seed = seed | 1u;           /* 0 would be no error at the start */
+    envsamp_halftone(row, TEXELS, 1, 0, &desc, s->chosen, RAYS, &count, s->scratch);
+    return count;                    /* 0 if all is black */
+}
+
+/* Traces a ray and adds what it brings, at density `pdf` per steradian. */
+static void add_ray(shading *s, const scene_point *p, const float dir[3], int texel, float pdf,
+                    float rgb[3])
+{
+    const float reflected = scene_reflected(p, dir);
+    int i;
+
+    memcpy(s->rays[s->ray_count++], dir, sizeof s->rays[0]);
+    if (reflected > 0.0f && pdf > 0.0f && scene_visible(p, dir))
+        for (i = 0; i < 3; i++)
+            rgb[i] += s->dome->fine[texel].rgb[i] * reflected / (RAYS * pdf);
+}
+
+/* The double or the triple product; or SIR, whose choice is independent of what it has chosen. In
+   Hilbert's order the texels are one row, so that nothing lies below it and all of an error goes
+   ahead: what [section 1.3.1] calls the extreme case, the best one for so few samples. With a random
+   start a texel is then chosen M p times in expectation, exactly. Scanned in two dimensions it is
+   not: the start is forgotten after some cells, and a texel that is all but black may be the first
+   one after an error from above. Its weight, 1 / (M p), knows nothing of that. */
+static void shade_product(shading *s, const scene_point *p, int way, uint32_t seed, float rgb[3])
+{
+    const envsamp_kernel kernel = way == SIR_MAP ? ENVSAMP_KERNEL_RANDOM : halftone_desc.kernel;
+    float map[TEXELS], row[TEXELS], jitter[2], dir[3], density;
+    int i, count, texel = 0;
+
+    importance_map(s->dome, p, way == TRIPLE, map);
+    for (i = 0; i < TEXELS; i++)
+        row[i] = map[s->hilbert[i]];
+    count = choose(s, row, kernel, seed);
+    for (i = 0; i < count; i++) {
+        const int at = s->hilbert[s->chosen[i].x];
+
+        sobol_owen((uint32_t)i, hash_combine(seed, 1), jitter);
+        density = draw_within(s->dome, p, at % SIDE, at / SIDE, jitter, dir, &texel);
+        density *= s->chosen[i].probability * TEXELS / (2.0f * LIGHT_PI);
+        add_ray(s, p, dir, texel, density, rgb);
+    }
+}
+
+/* ---- the competitors ------------------------------------------------------------------------- */
+
+static void shade_brdf(shading *s, const scene_point *p, uint32_t seed, float rgb[3])
+{
+    float u[2], dir[3];
+    uint32_t i;
+
+    for (i = 0; i < RAYS; i++) {
+        sobol_owen(i, seed, u);
+        scene_draw(p, u, dir);
+        if (dir[2] > 0.0f)
+            add_ray(s, p, dir, dome_texel(dir), scene_pdf(p, dir), rgb);
+    }
+}
+
+typedef struct candidate { float dir[3], pdf; int texel; } candidate;
+
+/* Draws from the dome's light, exactly. */
+static void draw_light(const shading *s, double u, const float jitter[2], candidate *c)
+{
+    int low = 0, high = FINE * FINE - 1;
+
+    while (low < high) {
+        const int middle = (low + high) / 2;
+
+        if (s->cdf[middle] > u)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    c->texel = low;
+    c->pdf = (float)(s->cdf[low] - (low ? s->cdf[low - 1] : 0.0)) / FINE_SR;
+    dome_dir(((float)(low % FINE) + jitter[0]) / FINE, ((float)(low / FINE) + jitter[1]) / FINE,
+             c->dir);
+}
+
+/* Sampling-importance resampling as in [Burke, Ghosh, Heidrich 2004; Talbot, Cline, Egbert 2005]:
+   of 1024 candidates, stratified, from the BRDF or from the light, 32 are drawn by what they have of
+   the integrand without V, over their pdf. The sum of these weights stands in for the integral. */
+static void shade_sir(shading *s, const scene_point *p, int way, uint32_t seed, float rgb[3])
+{
+    static candidate all[TEXELS];
+    float weight[TEXELS], sum = 0.0f, u[2];
+    pcg32 random = pcg32_make(seed, 1);
+    int i, count;
+
+    for (i = 0; i < TEXELS; i++) {
+        candidate *c = &all[i];
+
+        u[0] = ((float)(i % SIDE) + pcg32_float(&random)) / SIDE;
+        u[1] = ((float)(i / SIDE) + pcg32_float(&random)) / SIDE;
+        if (way == SIR_BRDF) {
+            scene_draw(p, u, c->dir);
+            c->pdf = scene_pdf(p, c->dir);
+            c->texel = c->dir[2] > 0.0f ? dome_texel(c->dir) : 0;
+        } else {
+            const float jitter[2] = {pcg32_float(&random), pcg32_float(&random)};
+
+            draw_light(s, ((double)i + (double)pcg32_float(&random)) / TEXELS, jitter, c);
+        }
+        weight[i] = c->pdf > 0.0f && c->dir[2] > 0.0f
+                  ? s->dome->fine[c->texel].luminance * scene_reflected(p, c->dir) / c->pdf
+                  : 0.0f;
+        sum += weight[i];
+    }
+    count = sum > 0.0f ? choose(s, weight, ENVSAMP_KERNEL_RANDOM, seed) : 0;
+    for (i = 0; i < count; i++) {
+        const candidate *c = &all[s->chosen[i].x];
+
+        add_ray(s, p, c->dir, c->texel, c->pdf * s->chosen[i].probability * TEXELS, rgb);
+    }
+}
+
+static void shade(shading *s, const scene_point *p, int way, uint32_t seed, float rgb[3])
+{
+    rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    s->ray_count = 0;
+    if (way == BRDF)
+        shade_brdf(s, p, seed, rgb);
+    else if (way == SIR_BRDF || way == SIR_LIGHT)
+        shade_sir(s, p, way, seed, rgb);
+    else
+        shade_product(s, p, way, seed, rgb);
+}
+
+/* Returns 0 if memory is short. */
+static int shading_make(shading *s, const image *map)
+{
+    envsamp_halftone_desc independent = halftone_desc;
+    envsamp_sizes sizes, other;
+    double sum = 0.0;
+    int i;
+
+    independent.kernel = ENVSAMP_KERNEL_RANDOM;
+    envsamp_halftone_sizes(TEXELS, 1, &halftone_desc, &sizes);
+    envsamp_halftone_sizes(TEXELS, 1, &independent, &other);
+    s->scratch.bytes = sizes.scratch_bytes > other.scratch_bytes ? sizes.scratch_bytes
+                                                                 : other.scratch_bytes;
+    s->scratch.data = malloc(s->scratch.bytes);
+    s->dome = dome_make(map);
+    if (!s->dome || !s->scratch.data)
+        return 0;
+    for (i = 0; i < TEXELS; i++)
+        s->hilbert[i] = hilbert_texel(i);
+    for (i = 0; i < FINE * FINE; i++)
+        sum += (double)s->dome->fine[i].luminance;
+    for (i = 0; i < FINE * FINE; i++)
+        s->cdf[i] = (i ? s->cdf[i - 1] : 0.0)
+                  + (double)s->dome->fine[i].luminance / sum;
+    return 1;
+}
+
+/* ---- the reference --------------------------------------------------------------------------- */
+
+/* A directional light. */
+typedef struct part { float dir[3], rgb[3]; } part;
+
+#define PARTS 16384
+#define BLOCKS (FINE * FINE / 4)
+#define PARTS_MAX (PARTS + 8 * BLOCKS)   /* n^2 <= (sqrt(x) + 2)^2, where the x sum to PARTS */
+
+/* The dome as directional lights: each block of 2 x 2 finest texels as one, or, where it has more
+   than a PARTS-th of the light, as n x n, so that a sun has a penumbra. Returns how many. */
+static int dome_parts(const dome *d, part *to)
+{
+    float sum = 0.0f;
+    int i, k, c, count = 0;
+
+    for (i = 0; i < TEXELS; i++)
+        sum += d->level[0][i].luminance * BLOCKS / TEXELS;
+    for (i = 0; i < BLOCKS; i++) {
+        const node *block = &d->level[LEVELS - 2][i];
+        const int x = i % (FINE / 2), y = i / (FINE / 2);
+        const int some = (int)ceilf(sqrtf(block->luminance / sum * PARTS));
+        const int n = some > 1 ? some + some % 2 : 1;
+
+        for (k = 0; k < n * n; k++, count++) {
+            const float u = ((float)(k % n) + 0.5f) / (float)n;
+            const float v = ((float)(k / n) + 0.5f) / (float)n;
+            const int texel = (2 * y + (int)(2.0f * v)) * FINE + 2 * x + (int)(2.0f * u);
+
+            dome_dir(((float)x + u) / (FINE / 2), ((float)y + v) / (FINE / 2), to[count].dir);
+            if (n == 1)
+                memcpy(to[count].dir, block->dir, sizeof block->dir);
+            for (c = 0; c < 3; c++)
+                to[count].rgb[c] = 4.0f * FINE_SR / (float)(n * n)
+                                 * (n == 1 ? block->rgb[c] : d->fine[texel].rgb[c]);
+        }
+    }
+    return count;
+}
+
+/* Sums over all parts. Returns the share of the light that something is in the way of. */
+static float reference(const part *parts, int count, const scene_point *p, float rgb[3])
+{
+    double sum[3] = {0.0, 0.0, 0.0}, all = 0.0, seen = 0.0;
+    int i, k;
+
+    for (i = 0; i < count; i++) {
+        const part *from = &parts[i];
+        const float reflected = scene_reflected(p, from->dir);
+        const double luminance = (double)(reflected * envsamp_luminance(from->rgb));
+
+        if (!(reflected > 0.0f))
+            continue;
+        all += luminance;
+        if (!scene_visible(p, from->dir))
+            continue;
+        seen += luminance;
+        for (k = 0; k < 3; k++)
+            sum[k] += (double)(reflected * from->rgb[k]);
+    }
+    for (k = 0; k < 3; k++)
+        rgb[k] = (float)sum[k];
+    return all > 0.0 ? (float)(1.0 - seen / all) : 0.0f;
+}
+
+/* ---- figures --------------------------------------------------------------------------------- */
+
+enum { VISIBLE, OCCLUDED, KINDS };
+
+#define NOTHING_BLOCKED 1e-6f        /* of the light that a point would reflect */
+
+/* Over points and runs: squared errors, and sums of estimates and of references, all of means over
+   red, green and blue. */
+typedef struct tally { double squares, mean_squares, estimate, reference; long count; } tally;
+
+typedef struct seen { scene_point point; float reference[3]; int there, kind; } seen;
+
+typedef struct trial {
+    const char *map_name;
+    int width, height, runs;         /* of a picture; how often each pixel is shaded */
+    seen *seen[SCENE_SURFACES];      /* of each pixel */
+    float *rgb[WAYS][SCENE_SURFACES];
+    tally tallies[WAYS][SCENE_SURFACES][KINDS];
+    double us[WAYS];                 /* microseconds a pixel */
+} trial;
+
+static void see(trial *t, const part *parts, int part_count, int surface, int pixel)
+{
+    seen *s = &t->seen[surface][pixel];
+    float blocked;
+
+    s->there = scene_pixel(pixel % t->width, pixel / t->width, t->width, t->height, surface,
+                           &s->point);
+    if (!s->there)
+        return;
+    blocked = reference(parts, part_count, &s->point, s->reference);
+    s->kind = blocked > NOTHING_BLOCKED ? OCCLUDED : VISIBLE;
+}
+
+static void count_error(tally *t, const float estimate[3], const float right[3])
+{
+    double error = 0.0;
+    int i;
+
+    for (i = 0; i < 3; i++) {
+        const double e = (double)estimate[i] - (double)right[i];
+
+        t->squares += e * e / 3.0;
+        error += e / 3.0;
+        t->estimate += (double)estimate[i] / 3.0;
+        t->reference += (double)right[i] / 3.0;
+    }
+    t->mean_squares += error * error;
+    t->count++;
+}
+
+/* Shades all pixels by one method. The first run is the one that is drawn. */
+static void shade_all(trial *t, shading *s, int way)
+{
+    const clock_t start = clock();
+    const int pixels = t->width * t->height;
+    long count = 0;
+    int surface, i, run;
+
+    for (surface = 0; surface < SCENE_SURFACES; surface++)
+        for (i = 0; i < pixels * t->runs; i++) {
+            const int pixel = i % pixels;
+            const seen *at = &t->seen[surface][pixel];
+            float rgb[3];
+
+            run = i / pixels;
+            if (!at->there)
+                continue;
+            shade(s, &at->point, way, hash_combine(hash_combine(29, (uint32_t)run),
+                                                   (uint32_t)pixel), rgb);
+            count_error(&t->tallies[way][surface][at->kind], rgb, at->reference);
+            count++;
+            if (run == 0)
+                memcpy(t->rgb[way][surface] + 3 * pixel, rgb, sizeof rgb);
+        }
+    t->us[way] = 1e6 * (double)(clock() - start) / (double)CLOCKS_PER_SEC / (double)count;
+}
+
+/* Relative to the mean of the reference. */
+static double rmse(const tally *t)
+{
+    return t->reference > 0.0 ? sqrt(t->squares * (double)t->count) / t->reference : 0.0;
+}
+
+static void print_errors(const trial *t)
+{
+    int way, surface, kind;
+
+    printf("%s: RMSE of red, green and blue relative to the mean of the reference, %d rays\n\n"
+           "%-28s%22s%24s%12s\n%-28s%11s%11s%13s%11s%12s\n", t->map_name, RAYS, "", "diffuse",
+           "Ward glossy", "us a pixel", "", "visible", "occluded", "visible", "occluded", "");
+    for (way = 0; way < WAYS; way++) {
+        printf("%-28s", way_names[way]);
+        for (surface = 0; surface < SCENE_SURFACES; surface++)
+            for (kind = 0; kind < KINDS; kind++)
+                printf("%*.4f", surface && !kind ? 13 : 11, rmse(&t->tallies[way][surface][kind]));
+        printf("%12.1f\n", t->us[way]);
+    }
+    printf("%-28s", "points");
+    for (surface = 0; surface < SCENE_SURFACES; surface++)
+        for (kind = 0; kind < KINDS; kind++)
+            printf("%*ld", surface && !kind ? 13 : 11,
+                   t->tallies[0][surface][kind].count / t->runs);
+    printf("\n\nvisible: nothing is in the way of any light that the point would reflect\n");
+}
+
+/* What a whole picture is off by, and by how much chance lets it. */
+static void print_bias(const trial *t)
+{
+    int way, surface, kind;
+
+    printf("\nmean of all pixels over that of the reference, +- its standard error\n");
+    for (way = 0; way < WAYS; way++) {
+        printf("%-28s", way_names[way]);
+        for (surface = 0; surface < SCENE_SURFACES; surface++) {
+            double squares = 0.0, estimate = 0.0, right = 0.0;
+
+            for (kind = 0; kind < KINDS; kind++) {
+                squares += t->tallies[way][surface][kind].mean_squares;
+                estimate += t->tallies[way][surface][kind].estimate;
+                right += t->tallies[way][surface][kind].reference;
+            }
+            printf("%*.4f +- %.4f", surface ? 14 : 12, estimate / right, sqrt(squares) / right);
+        }
+        printf("\n");
+    }
+}
+
+/* Prints how the double product compares where all is visible. Returns whether it is well ahead. */
+static int print_verdict(const trial *t)
+{
+    static const char *const names[SCENE_SURFACES] = {"diffuse", "Ward glossy"};
+    int surface, way, good = 1;
+
+    printf("\n");
+    for (surface = 0; surface < SCENE_SURFACES; surface++) {
+        const double error = rmse(&t->tallies[DOUBLE][surface][VISIBLE]);
+        const double brdf = rmse(&t->tallies[BRDF][surface][VISIBLE]);
+        double sir = rmse(&t->tallies[SIR_BRDF][surface][VISIBLE]);
+
+        for (way = SIR_LIGHT; way <= SIR_MAP; way++)
+            sir = fmin(sir, rmse(&t->tallies[way][surface][VISIBLE]));
+        good = good && error <= brdf / 3.0 && error <= sir / 2.0;
+        printf("%s, visible: the double product has %.4f of the error of BRDF sampling,"
+               " %.2f of that of the best SIR\n", names[surface], error / brdf, error / sir);
+    }
+    return good;
+}
+
+/* ---- the trial ------------------------------------------------------------------------------- */
+
+static void trial_free(trial *t)
+{
+    int way, surface;
+
+    for (surface = 0; surface < SCENE_SURFACES; surface++) {
+        free(t->seen[surface]);
+        for (way = 0; way < WAYS; way++)
+            free(t->rgb[way][surface]);
+    }
+}
+
+static int trial_alloc(trial *t)
+{
+    const size_t pixels = (size_t)t->width * (size_t)t->height;
+    int way, surface, good = 1;
+
+    for (surface = 0; surface < SCENE_SURFACES; surface++) {
+        t->seen[surface] = calloc(pixels, sizeof *t->seen[surface]);
+        good = good && t->seen[surface];
+        for (way = 0; way < WAYS; way++) {
+            t->rgb[way][surface] = calloc(pixels, 3 * sizeof(float));
+            good = good && t->rgb[way][surface];
+        }
+    }
+    return good;
+}
+
+static int trial_run(trial *t, shading *s)
+{
+    part *parts = malloc(PARTS_MAX * sizeof *parts);
+    int surface, way, count, i;
+
+    if (!parts)
+        return 0;
+    count = dome_parts(s->dome, parts);
+    for (surface = 0; surface < SCENE_SURFACES; surface++)
+        for (i = 0; i < t->width * t->height; i++)
+            see(t, parts, count, surface, i);
+    free(parts);
+    for (way = 0; way < WAYS; way++)
+        shade_all(t, s, way);
+    return 1;
+}
+
+/* ---- the picture ----------------------------------------------------------------------------- */
+
+#define COLUMNS 5
+#define GAP 6
+#define LINE 20                      /* of text of scale 2 */
+#define CHART 160                    /* pixels: 5 a texel */
+
+static const int column_ways[COLUMNS] = {BRDF, SIR_MAP, DOUBLE, TRIPLE, WAYS};
+
+static const unsigned char white[3] = {255, 255, 255}, ground[3] = {38, 40, 44};
+static const unsigned char free_ray[3] = {255, 170, 0}, blocked_ray[3] = {235, 30, 70};
+
+/* The mean of what is seen at a middle grey. */
+static float exposure_of(const trial *t, int surface)
+{
+    const tally *tallies = t->tallies[DOUBLE][surface];
+    const double sum = tallies[VISIBLE].reference + tallies[OCCLUDED].reference;
+    const double count = (double)(tallies[VISIBLE].count + tallies[OCCLUDED].count);
+
+    return sum > 0.0 ? (float)(0.3 * count / sum) : 1.0f;
+}
+
+/* Way WAYS is the reference. */
+static void draw_shot(picture *canvas, int left, int top, const trial *t, int surface, int way)
+{
+    const float exposure = exposure_of(t, surface);
+    unsigned char colour[3];
+    image one = {1, 1, NULL};
+    float rgb[3];
+    int i;
+
+    one.rgb = rgb;
+    for (i = 0; i < t->width * t->height; i++) {
+        memcpy(rgb, way == WAYS ? t->seen[surface][i].reference : t->rgb[way][surface] + 3 * i,
+               sizeof rgb);
+        image_tonemap(&one, exposure, colour);
+        picture_blend(canvas, left + i % t->width, top + i / t->width, colour, 1.0f);
+    }
+}
+
+static void draw_shots(picture *canvas, int top, const trial *t, int surface)
+{
+    static const char *const names[COLUMNS] = {"BRDF sampling", "SIR", "double product",
+                                               "triple product", "reference"};
+    static const char *const rows[SCENE_SURFACES] = {"diffuse", "Ward glossy"};
+    char text[96];
+    int column;
+
+    snprintf(text, sizeof text, "%s, %d rays. RMSE: all light visible / some of it blocked",
+             rows[surface], RAYS);
+    picture_text(canvas, GAP, top, 2, white, text);
+    for (column = 0; column < COLUMNS; column++) {
+        const int way = column_ways[column], left = GAP + column * (t->width + GAP);
+        const int below = top + 2 * LINE + t->height + 4;
+
+        picture_text(canvas, left, top + LINE, 2, white, names[column]);
+        draw_shot(canvas, left, top + 2 * LINE, t, surface, way);
+        if (way == WAYS)
+            continue;
+        snprintf(text, sizeof text, way == BRDF ? "%.2f / %.2f" : "%.4f / %.4f",
+                 rmse(&t->tallies[way][surface][VISIBLE]),
+                 rmse(&t->tallies[way][surface][OCCLUDED]));
+        picture_text(canvas, left, below, 2, white, text);
+    }
+}
+
+/* What a method takes for important at a pixel of a chart: the BRDF x cosine, its importance map,
+   or, for the reference, all that there is. */
+static float chart_value(const shading *s, const scene_point *p, const float map[TEXELS], int way,
+                         int x, int y)
+{
+    float dir[3];
+
+    dome_dir(((float)x + 0.5f) / CHART, ((float)y + 0.5f) / CHART, dir);
+    if (way == BRDF)
+        return scene_reflected(p, dir);
+    if (way == WAYS)
+        return scene_visible(p, dir) ? scene_reflected(p, dir)
+                                       * s->dome->fine[dome_texel(dir)].luminance : 0.0f;
+    return map[y * SIDE / CHART * SIDE + x * SIDE / CHART];
+}
+
+/* In greys of its own: the cube root of what is there, over that of eight times the mean. */
+static void draw_chart(picture *canvas, int left, int top, const shading *s, const scene_point *p,
+                       int way)
+{
+    float map[TEXELS], sum = 0.0f;
+    int i;
+
+    importance_map(s->dome, p, way == TRIPLE, map);
+    for (i = 0; i < CHART * CHART; i++)
+        sum += chart_value(s, p, map, way, i % CHART, i / CHART);
+    for (i = 0; i < CHART * CHART; i++) {
+        const float value = chart_value(s, p, map, way, i % CHART, i / CHART);
+        const float grey = cbrtf(value / sum * CHART * CHART / 8.0f);
+        const unsigned char level = (unsigned char)(230.0f * fminf(grey, 1.0f));
+        unsigned char colour[3];
+
+        memset(colour, level, sizeof colour);
+        picture_blend(canvas, left + i % CHART, top + i / CHART, colour, 1.0f);
+    }
+}
+
+/* Returns how many rays are blocked. */
+static int draw_rays(picture *canvas, int left, int top, const shading *s, const scene_point *p)
+{
+    static const unsigned char black[3] = {0, 0, 0};
+    int i, blocked = 0;
+
+    for (i = 0; i < s->ray_count; i++) {
+        const int visible = scene_visible(p, s->rays[i]);
+        float uv[2];
+        double at[2];
+
+        dome_uv(s->rays[i], uv);
+        at[0] = (double)((float)left + uv[0] * CHART);
+        at[1] = (double)((float)top + uv[1] * CHART);
+        picture_line(canvas, at, at, 7.0, black);
+        picture_line(canvas, at, at, 4.5, visible ? free_ray : blocked_ray);
+        blocked += !visible;
+    }
+    return blocked;
+}
+
+static void draw_charts(picture *canvas, int top, const trial *t, shading *s, int pixel)
+{
+    static const char *const names[COLUMNS] = {"cosine", "light x cosine", "light x cosine",
+                                               "x proxies", "x visibility"};
+    const scene_point *p = &t->seen[SCENE_DIFFUSE][pixel].point;
+    int column;
+
+    picture_text(canvas, GAP, top, 2, white, "importance and rays of the point +:"
+                 " zenith in the middle, horizon at the edge");
+    for (column = 0; column < COLUMNS; column++) {
+        const int way = column_ways[column];
+        const int left = GAP + column * (t->width + GAP);
+        char text[32];
+        float rgb[3];
+
+        draw_chart(canvas, left, top + LINE, s, p, way);
+        picture_text(canvas, left, top + LINE + CHART + 4, 2, white, names[column]);
+        if (way == WAYS)
+            continue;
+        shade(s, p, way, hash_u32((uint32_t)pixel), rgb);
+        snprintf(text, sizeof text, "%d of %d blocked",
+                 draw_rays(canvas, left, top + LINE, s, p), RAYS);
+        picture_text(canvas, left, top + 2 * LINE + CHART + 4, 2, white, text);
+    }
+}
+
+static int draw(const trial *t, shading *s, picture *out)
+{
+    const int row = 3 * LINE + t->height + 10;
+    const int x = t->width * 45 / 100, y = t->height * 80 / 100;
+    const int left = GAP + (COLUMNS - 1) * (t->width + GAP);
+
+    if (!picture_alloc(out, COLUMNS * (t->width + GAP) + GAP, 2 * row + 3 * LINE + CHART + 12))
+        return 0;
+    picture_fill(out, 0, 0, out->width, out->height, ground);
+    draw_shots(out, GAP, t, SCENE_DIFFUSE);
+    draw_shots(out, GAP + row, t, SCENE_GLOSSY);
+    draw_charts(out, GAP + 2 * row, t, s, y * t->width + x);
+    picture_text(out, left + x - 5, GAP + 2 * LINE + y - 7, 2, blocked_ray, "+");
+    return 1;
+}
+
+/* ---- the program ----------------------------------------------------------------------------- */
+
+#define USAGE "usage: product [-q] [-o FOLDER] [MAP.pfm or sky, studio, night, foliage]\n"
+
+typedef struct options { const char *folder, *map; int quick; } options;
+
+static int parse(int argc, char **argv, options *o)
+{
+    int i;
+
+    for (i = 1; i < argc; i++) {
+        if (!strcmp(argv[i], "-q"))
+            o->quick = 1;
+        else if (!strcmp(argv[i], "-o") && i + 1 < argc)
+            o->folder = argv[++i];
+        else if (argv[i][0] == '-' || o->map)
+            return 0;
+        else
+            o->map = argv[i];
+    }
+    o->map = o->map ? o->map : "sky";
+    return 1;
+}
+
+static int write_picture(const trial *t, shading *s, const char *folder, char *error, size_t size)
+{
+    char path[IMAGE_PATH_MAX];
+    picture canvas;
+    int good;
+
+    if (snprintf(path, sizeof path, "%s/product.png", folder) >= (int)sizeof path)
+        return image_fail(error, size, folder, "is too long a name");
+    if (!draw(t, s, &canvas))
+        return image_fail(error, size, path, "not enough memory");
+    MAKE_FOLDER(folder);             /* where it fails, so does the picture */
+    good = picture_write(&canvas, path, error, size);
+    picture_free(&canvas);
+    return good;
+}
+
+/* Returns 0, with the reason in `error`, where the map or the memory is not enough; *well becomes
+   whether the bounds of -q are met. */
+static int try_map(const options *o, const image *map, int *well, char *error, size_t size)
+{
+    static shading s;
+    static trial t;
+    int good;
+
+    if (map->width != 2 * map->height)
+        return image_fail(error, size, o->map, "is not twice as wide as high, as lat-long maps are");
+    t.map_name = o->map;
+    t.width = o->quick ? 56 : 192;
+    t.height = o->quick ? 32 : 110;
+    t.runs = o->quick ? 4 : 1;
+    good = shading_make(&s, map) && trial_alloc(&t) && trial_run(&t, &s);
+    if (good) {
+        print_errors(&t);
+        print_bias(&t);
+        *well = print_verdict(&t);
+        good = o->quick || write_picture(&t, &s, o->folder, error, size);
+    } else {
+        image_fail(error, size, o->map, "not enough memory");
+    }
+    trial_free(&t);
+    free(s.dome);
+    free(s.scratch.data);
+    return good;
+}
+
+int main(int argc, char **argv)
+{
+    static char error[IMAGE_PATH_MAX + 256];
+    options o = {"build/pictures", NULL, 0};
+    int good, well = 1;
+    image map;
+
+    if (!parse(argc, argv, &o)) {
+        fprintf(stderr, USAGE);
+        return EXIT_FAILURE;
+    }
+    good = (map_make(o.map, 512, 256, &map) || image_read(o.map, &map, error, sizeof error))
+        && try_map(&o, &map, &well, error, sizeof error);
+    image_free(&map);
+    fflush(stdout);
+    if (!good)
+        fprintf(stderr, "product: %s\n", error);
+    else if (o.quick && !well)
+        fprintf(stderr, "product: the double product has too large an error\n");
+    return good && (well || !o.quick) ? EXIT_SUCCESS : EXIT_FAILURE;
+}

@@ -1,0 +1,30 @@
+#!/bin/sh
+# The examples that judge themselves or draw: product sampling keeps its errors, lights are drawn.
+# Needs build/product and build/lights.
+cd "$(dirname "$0")/.." || exit 1
+tmp=$(mktemp -d) || exit 1
+trap 'rm -rf "$tmp"' EXIT
+count=0
+
+report() {  # pass (0 is yes), what
+    count=$((count + 1))
+    [ "$1" = 0 ] && echo "ok $count - $2" || echo "not ok $count - $2"
+}
+
+build/product -q >"$tmp/out" 2>"$tmp/err"
+report $? "halftoned products have a third of the error of BRDF sampling, half of SIR's"
+sed 's/^/#   /' "$tmp/out"
+build/product "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
+[ $? = 1 ] && grep -qF missing.pfm "$tmp/err"
+report $? "product: a missing map: $(head -n 1 "$tmp/err" | sed "s#$tmp/##g")"
+build/lights -o "$tmp" -k 16 studio >"$tmp/out" && [ -s "$tmp/lights_studio.png" ]
+report $? "lights are drawn"
+[ "$(grep -cE '^studio +16 lights, .* RMSE [0-9.]+$' "$tmp/out")" = 6 ]
+report $? "with an error for each of six sets"
+build/lights -o "$tmp" "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
+[ $? = 1 ] && grep -qF missing.pfm "$tmp/err"
+report $? "lights: a missing map: $(head -n 1 "$tmp/err" | sed "s#$tmp/##g")"
+build/lights -k 0 >"$tmp/out" 2>"$tmp/err"
+[ $? = 1 ] && grep -q usage "$tmp/err"
+report $? "lights: no lights"
+echo "1..$count"
