@@ -622,7 +622,7 @@ ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
 
 /* Scratch of envsamp_lights. HALFTONE and RANDOM: 8 bytes a row, 12 to 28 a column, 12 a light.
    Cuts: up to 6 MB, 3 for a map twice as wide as high, and 40 bytes a light. RELAXED: up to 1 MB,
-   and 4 KB a light, but no more than 2 MB of these. Both 16 bytes a column and 24 a row.
+   and 6 KB a light, no more than 3 MB of these, and 44 bytes. Both 16 bytes a column and 24 a row.
    table_bytes is 0. `desc` NULL: the defaults. Needs the image's sizes, not its pixels.
    Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
@@ -7755,17 +7755,24 @@ static void envsamp__add_to_square(const envsamp_image *image, const double rgb[
     }
 }
 
-/* Direction of the middle of a texel. */
-static void envsamp__texel_dir(const envsamp__squares *s, int x, int y, double dir[3])
+/* Direction of the middle of texels x0 to x1, y0 to y1 of an octahedral map. */
+static void envsamp__octahedral_middle(const envsamp_image *image, int x0, int y0, int x1, int y1,
+                                       double dir[3])
 {
     float exact[3];
     int c;
 
+    envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, 0.5f * (float)(x0 + x1) / (float)image->width,
+                      0.5f * (float)(y0 + y1) / (float)image->height, exact);
+    for (c = 0; c < 3; c++)
+        dir[c] = (double)exact[c];
+}
+
+/* Direction of the middle of a texel. */
+static void envsamp__texel_dir(const envsamp__squares *s, int x, int y, double dir[3])
+{
     if (s->image->mapping == ENVSAMP_OCTAHEDRAL) {
-        envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, ((float)x + 0.5f) / (float)s->image->width,
-                          ((float)y + 0.5f) / (float)s->image->height, exact);
-        for (c = 0; c < 3; c++)
-            dir[c] = (double)exact[c];
+        envsamp__octahedral_middle(s->image, x, y, x + 1, y + 1, dir);
         return;
     }
     dir[0] = s->turn[2 * x] * s->polar[2 * y];
@@ -7778,8 +7785,9 @@ static void envsamp__square_dir(const envsamp__squares *s, int x, int y, double 
                                 double cosine, double dir[3])
 {
     if (s->image->mapping == ENVSAMP_OCTAHEDRAL) {
-        envsamp__texel_dir(s, envsamp__min(x * s->side + s->side / 2, s->image->width - 1),
-                           envsamp__min(y * s->side + s->side / 2, s->image->height - 1), dir);
+        envsamp__octahedral_middle(s->image, x * s->side, y * s->side,
+                                   envsamp__min((x + 1) * s->side, s->image->width),
+                                   envsamp__min((y + 1) * s->side, s->image->height), dir);
         return;
     }
     dir[0] = s->middle[2 * x] * sine;
@@ -8149,8 +8157,8 @@ static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *l
 typedef struct envsamp__piece {
     int x0, y0, x1, y1;         /* texels */
     int light;                  /* that is nearest */
-    float dir[3];               /* centroid of its luminance */
-    double luminance, rgb[3];   /* times solid angle */
+    float dir[3];               /* of the centroid of its luminance */
+    envsamp__square sum;
 } envsamp__piece;
 
 typedef struct envsamp__relaxation {
@@ -8192,19 +8200,16 @@ static envsamp__piece envsamp__make_piece(const envsamp__relaxation *r, int x0, 
     int whole = x0 % r->squares.side == 0 && y0 % r->squares.side == 0
              && (x1 % r->squares.side == 0 || x1 == r->image->width)
              && (y1 % r->squares.side == 0 || y1 == r->image->height);
-    envsamp__square sum;
     envsamp__piece piece;
 
-    sum = whole ? envsamp__sum_squares(&r->squares, x0, y0, x1, y1)
-                : envsamp__sum_texels(&r->squares, x0, y0, x1, y1);
     memset(&piece, 0, sizeof piece);
+    piece.sum = whole ? envsamp__sum_squares(&r->squares, x0, y0, x1, y1)
+                      : envsamp__sum_texels(&r->squares, x0, y0, x1, y1);
     piece.x0 = x0;
     piece.y0 = y0;
     piece.x1 = x1;
     piece.y1 = y1;
-    piece.luminance = sum.luminance;
-    memcpy(piece.rgb, sum.rgb, sizeof piece.rgb);
-    if (!envsamp__normalise(sum.v, piece.dir))
+    if (!envsamp__normalise(piece.sum.v, piece.dir))
         envsamp_uv_to_dir(r->image->mapping, 0.5f * (float)(x0 + x1) / (float)r->image->width,
                           0.5f * (float)(y0 + y1) / (float)r->image->height, piece.dir);
     return piece;
@@ -8247,11 +8252,11 @@ static void envsamp__make_pieces(envsamp__relaxation *r, double luminance)
             r->pieces[r->count++] = envsamp__make_piece(r, x, y, envsamp__min(x + block, width),
                                                         envsamp__min(y + block, height));
     for (i = 0; i < r->count; i++)
-        while (r->count < r->most && r->pieces[i].luminance > most
+        while (r->count < r->most && r->pieces[i].sum.luminance > most
                && (r->pieces[i].x1 - r->pieces[i].x0 > 1 || r->pieces[i].y1 - r->pieces[i].y0 > 1))
             envsamp__halve_piece(r, i);
     for (i = k = 0; i < r->count; i++)
-        if (r->pieces[i].luminance > 0.0)
+        if (r->pieces[i].sum.luminance > 0.0)
             r->pieces[k++] = r->pieces[i];
     r->count = k;
 }
@@ -8276,7 +8281,7 @@ static double envsamp__assign_pieces(envsamp__relaxation *r)
                 light = k;
             }
         }
-        moved += light != p->light ? p->luminance : 0.0;
+        moved += light != p->light ? p->sum.luminance : 0.0;
         p->light = light;
     }
     return moved;
@@ -8293,8 +8298,8 @@ static int envsamp__worst_piece(const envsamp__relaxation *r)
         const float *axis = r->axis + 3 * p->light;
         double cosine = (double)(p->dir[0] * axis[0] + p->dir[1] * axis[1] + p->dir[2] * axis[2]);
 
-        if (p->luminance * (1.0 - cosine) > worst) {
-            worst = p->luminance * (1.0 - cosine);
+        if (p->sum.luminance * (1.0 - cosine) > worst) {
+            worst = p->sum.luminance * (1.0 - cosine);
             at = i;
         }
     }
@@ -8312,8 +8317,8 @@ static void envsamp__centre_lights(envsamp__relaxation *r)
         double *v = r->moment + 4 * p->light;
 
         for (c = 0; c < 3; c++)
-            v[c] += p->luminance * (double)p->dir[c];
-        v[3] += p->luminance;
+            v[c] += p->sum.v[c];
+        v[3] += p->sum.luminance;
     }
     for (k = 0; k < r->lights; k++)
         if (r->moment[4 * k + 3] > 0.0)
@@ -8420,7 +8425,7 @@ static void envsamp__fill_system(const envsamp__relaxation *r, const double inte
             double chord = envsamp__chord(r->axis + 3 * i, r->pieces[k].dir);
 
             for (c = 0; c < 3; c++)
-                row[rows + c] += chord * r->pieces[k].rgb[c];
+                row[rows + c] += chord * r->pieces[k].sum.rgb[c];
         }
         for (c = 0; c < 3 && i == r->lights; c++)
             row[rows + c] = integral[c];
@@ -8457,7 +8462,7 @@ static void envsamp__gather_lights(envsamp__relaxation *r, envsamp_light *lights
         light->solid_angle += (float)envsamp__piece_sr(r, &r->pieces[i]);
         for (c = 0; c < 3; c++)
             light->irradiance[c] = envsamp__to_float((double)light->irradiance[c]
-                                                     + r->pieces[i].rgb[c]);
+                                                     + r->pieces[i].sum.rgb[c]);
     }
 }
 

@@ -14,9 +14,9 @@
  *
  *     L = integral of L_env(w) f_r(w) cos(w) V(w) dw  =~  1/M sum of L_env f_r cos V (w_i) / p(w_i)
  *
- * with a ray traced for each V. For every point an importance map I of 32 x 32 texels is made: light
- * x BRDF x cosine, the double product, or also x V~, a cheap visibility by spheres inside of the
- * objects, the triple product. envsamp_halftone chooses M = 32 of its texels, and in each a
+ * with a ray traced for each V. For every point an importance map I of 32 x 32 texels is made:
+ * light x BRDF x cosine, the double product, or also x V~, a cheap visibility by spheres inside of
+ * the objects, the triple product. envsamp_halftone chooses M = 32 of its texels, and in each a
  * direction is drawn: p is the texel's probability I / sum I, over its solid angle, times the
  * density within it.
  *
@@ -32,6 +32,7 @@
 #include "common/product_scene.h"
 #include "common/random.h"
 
+#include <float.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -55,7 +56,7 @@
 #define LIGHT_AZIMUTH 4.35f          /* of the map's light in the scene: from behind, to the left */
 #define BELOW_ONE 0.99999994f
 
-/* ---- the dome: the light above the horizon ---------------------------------------------------- */
+/* ---- the dome: the light above the horizon --------------------------------------------------- */
 
 /* A square texel of some level: its mean radiance, where on average that comes from, and how far
    from there its corners are. */
@@ -122,7 +123,7 @@ static void dome_splat(dome *d, const image *map, float turn)
     const int split = map->width < 4096 ? 4096 / map->width : 1;
     int x, y, i, k;
 
-    for (y = 0; y < map->height / 2 * split; y++)
+    for (y = 0; y < map->height * split / 2; y++)
         for (x = 0; x < map->width * split; x++) {
             const float *from = map->rgb + 3 * ((size_t)(y / split) * (size_t)map->width
                                                 + (size_t)(x / split));
@@ -135,7 +136,7 @@ static void dome_splat(dome *d, const image *map, float turn)
                               ((float)y + 0.5f) / (float)(map->height * split), dir);
             k = dome_texel(dir);
             for (i = 0; i < 3; i++)
-                d->fine[k].rgb[i] += fmaxf(from[i], 0.0f) * sr / FINE_SR;
+                d->fine[k].rgb[i] += from[i] * sr / FINE_SR;
         }
 }
 
@@ -268,8 +269,8 @@ static float split(float share, float *u, int *second)
 }
 
 /* Draws a direction within texel (x, y) of an importance map: down the mip chain, at each level one
-   of four parts by light x BRDF x cosine. Returns its density over that of the whole texel, or 0 for
-   nothing at all, and its finest texel. */
+   of four parts by light x BRDF x cosine. Returns its density over that of the whole texel, or 0
+   where there is nothing after all, and its finest texel. */
 static float draw_within(const dome *d, const scene_point *p, int x, int y, const float jitter[2],
                          float dir[3], int *texel)
 {
@@ -343,7 +344,7 @@ static int hilbert_texel(int step)
 }
 
 /* Chooses RAYS entries of a row of importance. Any may be chosen more than once: with `repeat` 0 a
-   sun must leave to its neighbours what it has beyond an M-th of all, and samples over M p are biased.
+   sun leaves to its neighbours what it has beyond an M-th of all, and samples over M p are biased.
    A seed of its own for every pixel makes errors noise; one for all makes bands. */
 static int choose(shading *s, const float row[TEXELS], envsamp_kernel kernel, uint32_t seed)
 {
@@ -371,10 +372,10 @@ static void add_ray(shading *s, const scene_point *p, const float dir[3], int te
 
 /* The double or the triple product; or SIR, whose choice is independent of what it has chosen. In
    Hilbert's order the texels are one row, so that nothing lies below it and all of an error goes
-   ahead: what [section 1.3.1] calls the extreme case, the best one for so few samples. With a random
-   start a texel is then chosen M p times in expectation, exactly. Scanned in two dimensions it is
-   not: the start is forgotten after some cells, and a texel that is all but black may be the first
-   one after an error from above. Its weight, 1 / (M p), knows nothing of that. */
+   ahead: the extreme case of section 1.3.1, the best one for so few samples. With a random start a
+   texel is then chosen M p times in expectation, exactly. Scanned in two dimensions it is not: the
+   start is forgotten after some cells, and a texel that is all but black may be the first one after
+   an error from above. Its weight, 1 / (M p), knows nothing of that. */
 static void shade_product(shading *s, const scene_point *p, int way, uint32_t seed, float rgb[3])
 {
     const envsamp_kernel kernel = way == SIR_MAP ? ENVSAMP_KERNEL_RANDOM : halftone_desc.kernel;
@@ -432,8 +433,9 @@ static void draw_light(const shading *s, double u, const float jitter[2], candid
 }
 
 /* Sampling-importance resampling as in [Burke, Ghosh, Heidrich 2004; Talbot, Cline, Egbert 2005]:
-   of 1024 candidates, stratified, from the BRDF or from the light, 32 are drawn by what they have of
-   the integrand without V, over their pdf. The sum of these weights stands in for the integral. */
+   of 1024 stratified candidates by the BRDF or by the light, 32 are drawn by what they have of the
+   integrand without V, over their pdf. The sum of these weights stands in for the integral. The
+   draws are independent: steps of equal weight through the candidates would be error diffusion. */
 static void shade_sir(shading *s, const scene_point *p, int way, uint32_t seed, float rgb[3])
 {
     static candidate all[TEXELS];
@@ -480,8 +482,8 @@ static void shade(shading *s, const scene_point *p, int way, uint32_t seed, floa
         shade_product(s, p, way, seed, rgb);
 }
 
-/* Returns 0 if memory is short. */
-static int shading_make(shading *s, const image *map)
+/* Returns what is wrong, or NULL. */
+static const char *shading_make(shading *s, const image *map)
 {
     envsamp_halftone_desc independent = halftone_desc;
     envsamp_sizes sizes, other;
@@ -496,15 +498,14 @@ static int shading_make(shading *s, const image *map)
     s->scratch.data = malloc(s->scratch.bytes);
     s->dome = dome_make(map);
     if (!s->dome || !s->scratch.data)
-        return 0;
+        return "not enough memory";
     for (i = 0; i < TEXELS; i++)
         s->hilbert[i] = hilbert_texel(i);
     for (i = 0; i < FINE * FINE; i++)
         sum += (double)s->dome->fine[i].luminance;
     for (i = 0; i < FINE * FINE; i++)
-        s->cdf[i] = (i ? s->cdf[i - 1] : 0.0)
-                  + (double)s->dome->fine[i].luminance / sum;
-    return 1;
+        s->cdf[i] = (i ? s->cdf[i - 1] : 0.0) + (double)s->dome->fine[i].luminance / sum;
+    return sum > 0.0 ? NULL : "has no light above the horizon";
 }
 
 /* ---- the reference --------------------------------------------------------------------------- */
@@ -512,36 +513,38 @@ static int shading_make(shading *s, const image *map)
 /* A directional light. */
 typedef struct part { float dir[3], rgb[3]; } part;
 
-#define PARTS 16384
-#define BLOCKS (FINE * FINE / 4)
-#define PARTS_MAX (PARTS + 8 * BLOCKS)   /* n^2 <= (sqrt(x) + 2)^2, where the x sum to PARTS */
+#define BLOCK 2                      /* finest texels, each way */
+#define BLOCKS_ACROSS (FINE / BLOCK)
+#define BLOCKS (BLOCKS_ACROSS * BLOCKS_ACROSS)
+#define PARTS_MAX (9 * BLOCKS)       /* n^2 <= (sqrt(x) / 2 + 2)^2 <= x / 2 + 8, x = 1 on average */
 
-/* The dome as directional lights: each block of 2 x 2 finest texels as one, or, where it has more
-   than a PARTS-th of the light, as n x n, so that a sun has a penumbra. Returns how many. */
+/* The dome as directional lights: every block as one, or, if it is more than 4 times as bright as
+   they are on average, as n x n, n^2 in proportion to that, so that a sun has a penumbra. Returns
+   how many they are. */
 static int dome_parts(const dome *d, part *to)
 {
+    const node *blocks = d->level[LEVELS - 2];
     float sum = 0.0f;
     int i, k, c, count = 0;
 
-    for (i = 0; i < TEXELS; i++)
-        sum += d->level[0][i].luminance * BLOCKS / TEXELS;
+    for (i = 0; i < BLOCKS; i++)
+        sum += blocks[i].luminance;
     for (i = 0; i < BLOCKS; i++) {
-        const node *block = &d->level[LEVELS - 2][i];
-        const int x = i % (FINE / 2), y = i / (FINE / 2);
-        const int some = (int)ceilf(sqrtf(block->luminance / sum * PARTS));
-        const int n = some > 1 ? some + some % 2 : 1;
+        const int x = i % BLOCKS_ACROSS, y = i / BLOCKS_ACROSS;
+        const float times = blocks[i].luminance / sum * BLOCKS;
+        const int n = times > 4.0f ? (int)ceilf(0.5f * sqrtf(times) / BLOCK) * BLOCK : 1;
 
         for (k = 0; k < n * n; k++, count++) {
-            const float u = ((float)(k % n) + 0.5f) / (float)n;
-            const float v = ((float)(k / n) + 0.5f) / (float)n;
-            const int texel = (2 * y + (int)(2.0f * v)) * FINE + 2 * x + (int)(2.0f * u);
+            const float u = (float)x + ((float)(k % n) + 0.5f) / (float)n;
+            const float v = (float)y + ((float)(k / n) + 0.5f) / (float)n;
+            const node *from = &d->fine[(int)(v * BLOCK) * FINE + (int)(u * BLOCK)];
 
-            dome_dir(((float)x + u) / (FINE / 2), ((float)y + v) / (FINE / 2), to[count].dir);
+            from = n == 1 ? &blocks[i] : from;
+            dome_dir(u / BLOCKS_ACROSS, v / BLOCKS_ACROSS, to[count].dir);
             if (n == 1)
-                memcpy(to[count].dir, block->dir, sizeof block->dir);
+                memcpy(to[count].dir, from->dir, sizeof from->dir);
             for (c = 0; c < 3; c++)
-                to[count].rgb[c] = 4.0f * FINE_SR / (float)(n * n)
-                                 * (n == 1 ? block->rgb[c] : d->fine[texel].rgb[c]);
+                to[count].rgb[c] = from->rgb[c] * BLOCK * BLOCK * FINE_SR / (float)(n * n);
         }
     }
     return count;
@@ -623,11 +626,12 @@ static void count_error(tally *t, const float estimate[3], const float right[3])
     t->count++;
 }
 
-/* Shades all pixels by one method. The first run is the one that is drawn. */
+/* Shades all pixels by one method, the first time for the picture; by those that are slow and not
+   in the picture a quarter of them. */
 static void shade_all(trial *t, shading *s, int way)
 {
     const clock_t start = clock();
-    const int pixels = t->width * t->height;
+    const int pixels = t->width * t->height, some = way == SIR_BRDF || way == SIR_LIGHT;
     long count = 0;
     int surface, i, run;
 
@@ -638,7 +642,7 @@ static void shade_all(trial *t, shading *s, int way)
             float rgb[3];
 
             run = i / pixels;
-            if (!at->there)
+            if (!at->there || (some && (pixel + pixel / t->width + run) % 4 != 0))
                 continue;
             shade(s, &at->point, way, hash_combine(hash_combine(29, (uint32_t)run),
                                                    (uint32_t)pixel), rgb);
@@ -826,7 +830,7 @@ static void draw_shots(picture *canvas, int top, const trial *t, int surface)
         draw_shot(canvas, left, top + 2 * LINE, t, surface, way);
         if (way == WAYS)
             continue;
-        snprintf(text, sizeof text, way == BRDF ? "%.2f / %.2f" : "%.4f / %.4f",
+        snprintf(text, sizeof text, way == BRDF ? "%.1f / %.1f" : "%.3f / %.3f",
                  rmse(&t->tallies[way][surface][VISIBLE]),
                  rmse(&t->tallies[way][surface][OCCLUDED]));
         picture_text(canvas, left, below, 2, white, text);
@@ -870,7 +874,22 @@ static void draw_chart(picture *canvas, int left, int top, const shading *s, con
     }
 }
 
-/* Returns how many rays are blocked. */
+/* How many rays lie in the same texel of an importance map as a ray. */
+static int rays_beside(const shading *s, int ray)
+{
+    float a[2], b[2];
+    int i, count = 0;
+
+    dome_uv(s->rays[ray], a);
+    for (i = 0; i < s->ray_count; i++) {
+        dome_uv(s->rays[i], b);
+        count += (int)(a[0] * SIDE) == (int)(b[0] * SIDE)
+              && (int)(a[1] * SIDE) == (int)(b[1] * SIDE);
+    }
+    return count;
+}
+
+/* Dots whose area grows with the rays in a texel. Returns how many rays are blocked. */
 static int draw_rays(picture *canvas, int left, int top, const shading *s, const scene_point *p)
 {
     static const unsigned char black[3] = {0, 0, 0};
@@ -878,14 +897,15 @@ static int draw_rays(picture *canvas, int left, int top, const shading *s, const
 
     for (i = 0; i < s->ray_count; i++) {
         const int visible = scene_visible(p, s->rays[i]);
+        const double width = 4.0 * sqrt((double)rays_beside(s, i));
         float uv[2];
         double at[2];
 
         dome_uv(s->rays[i], uv);
         at[0] = (double)((float)left + uv[0] * CHART);
         at[1] = (double)((float)top + uv[1] * CHART);
-        picture_line(canvas, at, at, 7.0, black);
-        picture_line(canvas, at, at, 4.5, visible ? free_ray : blocked_ray);
+        picture_line(canvas, at, at, width + 2.5, black);
+        picture_line(canvas, at, at, width, visible ? free_ray : blocked_ray);
         blocked += !visible;
     }
     return blocked;
@@ -898,8 +918,8 @@ static void draw_charts(picture *canvas, int top, const trial *t, shading *s, in
     const scene_point *p = &t->seen[SCENE_DIFFUSE][pixel].point;
     int column;
 
-    picture_text(canvas, GAP, top, 2, white, "importance and rays of the point +:"
-                 " zenith in the middle, horizon at the edge");
+    picture_text(canvas, GAP, top, 2, white,
+                 "the rays of +, over the dome: zenith in the middle, horizon at the edge");
     for (column = 0; column < COLUMNS; column++) {
         const int way = column_ways[column];
         const int left = GAP + column * (t->width + GAP);
@@ -911,8 +931,7 @@ static void draw_charts(picture *canvas, int top, const trial *t, shading *s, in
         if (way == WAYS)
             continue;
         shade(s, p, way, hash_u32((uint32_t)pixel), rgb);
-        snprintf(text, sizeof text, "%d of %d blocked",
-                 draw_rays(canvas, left, top + LINE, s, p), RAYS);
+        snprintf(text, sizeof text, "%d blocked", draw_rays(canvas, left, top + LINE, s, p));
         picture_text(canvas, left, top + 2 * LINE + CHART + 4, 2, white, text);
     }
 }
@@ -920,7 +939,7 @@ static void draw_charts(picture *canvas, int top, const trial *t, shading *s, in
 static int draw(const trial *t, shading *s, picture *out)
 {
     const int row = 3 * LINE + t->height + 10;
-    const int x = t->width * 45 / 100, y = t->height * 80 / 100;
+    const int x = t->width * 53 / 100, y = t->height * 53 / 100;
     const int left = GAP + (COLUMNS - 1) * (t->width + GAP);
 
     if (!picture_alloc(out, COLUMNS * (t->width + GAP) + GAP, 2 * row + 3 * LINE + CHART + 12))
@@ -973,33 +992,47 @@ static int write_picture(const trial *t, shading *s, const char *folder, char *e
     return good;
 }
 
-/* Returns 0, with the reason in `error`, where the map or the memory is not enough; *well becomes
-   whether the bounds of -q are met. */
-static int try_map(const options *o, const image *map, int *well, char *error, size_t size)
+/* As a build of a table does: what is negative, infinite or NaN is black. */
+static void clean(image *map)
+{
+    const size_t count = (size_t)map->width * (size_t)map->height * 3;
+    size_t i;
+
+    for (i = 0; i < count; i++)
+        if (!(map->rgb[i] > 0.0f && map->rgb[i] <= FLT_MAX))
+            map->rgb[i] = 0.0f;
+}
+
+/* Returns 0, with the reason in `error`, where there is nothing to tell; *well becomes whether the
+   bounds of -q are met. */
+static int try_map(const options *o, image *map, int *well, char *error, size_t size)
 {
     static shading s;
     static trial t;
-    int good;
+    const char *wrong = "is not twice as wide as high, as lat-long maps are";
 
-    if (map->width != 2 * map->height)
-        return image_fail(error, size, o->map, "is not twice as wide as high, as lat-long maps are");
     t.map_name = o->map;
-    t.width = o->quick ? 56 : 192;
-    t.height = o->quick ? 32 : 110;
+    t.width = o->quick ? 48 : 176;
+    t.height = o->quick ? 28 : 102;
     t.runs = o->quick ? 4 : 1;
-    good = shading_make(&s, map) && trial_alloc(&t) && trial_run(&t, &s);
-    if (good) {
+    clean(map);
+    if (map->width == 2 * map->height)
+        wrong = shading_make(&s, map);
+    if (!wrong && !(trial_alloc(&t) && trial_run(&t, &s)))
+        wrong = "not enough memory";
+    if (wrong) {
+        image_fail(error, size, o->map, "%s", wrong);
+    } else {
         print_errors(&t);
         print_bias(&t);
         *well = print_verdict(&t);
-        good = o->quick || write_picture(&t, &s, o->folder, error, size);
-    } else {
-        image_fail(error, size, o->map, "not enough memory");
+        if (!o->quick && !write_picture(&t, &s, o->folder, error, size))
+            wrong = error;
     }
     trial_free(&t);
     free(s.dome);
     free(s.scratch.data);
-    return good;
+    return !wrong;
 }
 
 int main(int argc, char **argv)
