@@ -547,9 +547,9 @@ typedef struct envsamp_halftone_desc {
    divided by. Each of M stands for S/M of the importance. */
 typedef struct envsamp_texel { int x, y; float probability; } envsamp_texel;
 
-/* Scratch of envsamp_halftone: 12 bytes a column, and 16 a cell across, at most a column; JARVIS
-   and STUCKI 24. table_bytes is 0. width and height
-   are 1..65535. Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
+/* Scratch of envsamp_halftone: 12 bytes a column and 16 a cell across, of which there are as many
+   as columns at most; JARVIS and STUCKI 24. table_bytes is 0. width and height are 1..65535.
+   Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   const envsamp_halftone_desc *desc,
                                                   envsamp_sizes *sizes);
@@ -559,9 +559,12 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
    32 by 32 map of light x BRDF x cosine for one shaded point.
    importance: height rows of width floats, row_stride_bytes apart, 0 for packed; 0 or above, of any
      scale. Weigh a lat-long map by solid angle first; envsamp_lights does so.
-   texels: `capacity` of them, M or more; *count becomes how many were chosen: M, or as many as
-     texels are above zero if those are fewer. None is chosen that is zero; none twice, but by
-     RANDOM and with `repeat`. They come in the order of the scan.
+   texels: `capacity` of them, M or more; *count becomes how many were chosen: M, or, without
+     `repeat`, as many as texels are above zero if those are fewer. None is chosen that is zero;
+     none twice, but by RANDOM and with `repeat`. They come in the order of the scan.
+   Evenness: with CELLS and `repeat` the number of samples in a rectangle of mass m was within 2.5
+     sqrt(perimeter in cells) of M m in every map tried, for 64 to 1024 samples; 0.6 sqrt(perimeter
+     in texels) at 512 by 256.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE for a NaN, infinite or negative importance,
      _BLACK if all are zero, _MEMORY if `capacity` or scratch is too small, or _ALIGN; then *count
      is 0.
