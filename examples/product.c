@@ -3,14 +3,14 @@
  *
  *     product [-q] [-o FOLDER] [MAP]
  *
- * MAP is a lat-long PFM file or a name of maps.h; the default is sky, whose sun fills a few texels
- * with nine tenths of the light: hardest to find for the BRDF, and of another colour than the rest.
+ * MAP is a lat-long PFM file or a name of maps.h; the default is sky, whose sun fills 14 of 65536
+ * texels with 84 % of the light: what the BRDF hardly ever hits, of another colour than the rest.
  * Prints errors, biases and times, and draws FOLDER/product.png (build/pictures). -q is a test: a
  * small picture without the file, and status 1 unless, where nothing is in the way of the light,
  * halftoned samples have at most a third of the error of BRDF sampling, half of that of resampling.
  *
  * How it is done [Szirmay-Kalos, Szecsi, Penzov: Environment Mapping with Floyd-Steinberg
- * Halftoning, 2010, section 1.3.3]. What a point x reflects of the map, and its estimate, are
+ * Halftoning, 2010, section 1.3.3]. What a point reflects of the map, and its estimate, are
  *
  *     L = integral of L_env(w) f_r(w) cos(w) V(w) dw  =~  1/M sum of L_env f_r cos V (w_i) / p(w_i)
  *
@@ -18,11 +18,18 @@
  * light x BRDF x cosine, the double product, or also x V~, a cheap visibility by spheres inside of
  * the objects, the triple product. envsamp_halftone chooses M = 32 of its texels, and in each a
  * direction is drawn: p is the texel's probability I / sum I, over its solid angle, times the
- * density within it.
+ * density within it. What makes it work:
  *
- * Three things make that work, and each is a comment below: the map's texels are blocks of a mip
- * chain of the light (the dome), so that a sun cannot slip through; I is above zero wherever
- * the integrand is; and the map is handed over as one row, in the order of Hilbert's curve.
+ * - Texels of the map are blocks of a mip chain of the light, the dome of product_scene.h, so that
+ *   no sun slips through between them; and within a texel the chain is walked down by light x BRDF
+ *   x cosine. With even draws there the errors are 11 and 12 times as large.
+ * - I is above zero wherever the integrand is: node_reflected.
+ * - The map is handed over as one row, in the order of Hilbert's curve, with a random error at the
+ *   start, and texels may repeat: shade_product, choose.
+ *
+ * Errors are of red, green and blue. I follows luminance; where all of the light is visible nothing
+ * is left to err about but colours, and halftoning deals these out evenly. Where some is blocked it
+ * does the same for visibility.
  */
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
@@ -48,181 +55,8 @@
 #endif
 
 #define RAYS 32                      /* M: traced for a pixel, by every method */
-#define SIDE 32                      /* of an importance map */
-#define TEXELS (SIDE * SIDE)
-#define LEVELS 4                     /* of the dome: 32, 64, 128 and 256 texels wide */
-#define FINE (SIDE << (LEVELS - 1))
-#define FINE_SR (2.0f * LIGHT_PI / (FINE * FINE))
-#define LIGHT_AZIMUTH 4.35f          /* of the map's light in the scene: from behind, to the left */
-#define BELOW_ONE 0.99999994f
-
-/* ---- the dome: the light above the horizon --------------------------------------------------- */
-
-/* A square texel of some level: its mean radiance, where on average that comes from, and how far
-   from there its corners are. */
-typedef struct node { float rgb[3], luminance, dir[3], reach; } node;
-
-/* Equal-area, so that luminance is importance already: the square is that half of the octahedral
-   mapping which lies above the horizon, turned by 45 degrees and enlarged. Texels of a level are
-   blocks of 2 x 2 of the next. */
-typedef struct dome {
-    node *level[LEVELS], *fine;      /* fine: the last */
-    float middle[TEXELS][3], reach;  /* of the first level: middles, the farthest of all corners */
-} dome;
-
-static void dome_dir(float u, float v, float dir[3])
-{
-    const float a = 2.0f * u - 1.0f, b = 2.0f * v - 1.0f;
-
-    envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, 0.5f + 0.25f * (a + b), 0.5f + 0.25f * (a - b), dir);
-    dir[2] = fmaxf(dir[2], 0.0f);
-}
-
-static void dome_uv(const float dir[3], float uv[2])
-{
-    float a, b;
-
-    envsamp_dir_to_uv(ENVSAMP_OCTAHEDRAL, dir, uv);
-    a = uv[0] + uv[1] - 0.5f;
-    b = uv[0] - uv[1] + 0.5f;
-    uv[0] = fminf(fmaxf(a, 0.0f), BELOW_ONE);
-    uv[1] = fminf(fmaxf(b, 0.0f), BELOW_ONE);
-}
-
-/* The finest texel in a direction above the horizon. */
-static int dome_texel(const float dir[3])
-{
-    float uv[2];
-
-    dome_uv(dir, uv);
-    return (int)(uv[1] * FINE) * FINE + (int)(uv[0] * FINE);
-}
-
-static float chord(const float a[3], const float b[3])
-{
-    const float d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-
-    return sqrtf(dot3(d, d));
-}
-
-static float farthest_corner(int x, int y, int side, const float from[3])
-{
-    float corner[3], reach = 0.0f;
-    int i;
-
-    for (i = 0; i < 4; i++) {
-        dome_dir((float)(x + i % 2) / (float)side, (float)(y + i / 2) / (float)side, corner);
-        reach = fmaxf(reach, chord(from, corner));
-    }
-    return reach;
-}
-
-/* Spreads every texel above the horizon over the dome, in parts, turned by an azimuth. */
-static void dome_splat(dome *d, const image *map, float turn)
-{
-    const int split = map->width < 4096 ? 4096 / map->width : 1;
-    int x, y, i, k;
-
-    for (y = 0; y < map->height * split / 2; y++)
-        for (x = 0; x < map->width * split; x++) {
-            const float *from = map->rgb + 3 * ((size_t)(y / split) * (size_t)map->width
-                                                + (size_t)(x / split));
-            const float sr = texel_sr(map->width * split, map->height * split, y);
-            float dir[3];
-
-            envsamp_uv_to_dir(ENVSAMP_LATLONG,
-                              ((float)x + 0.5f) / (float)(map->width * split)
-                              + turn / (2.0f * LIGHT_PI),
-                              ((float)y + 0.5f) / (float)(map->height * split), dir);
-            k = dome_texel(dir);
-            for (i = 0; i < 3; i++)
-                d->fine[k].rgb[i] += from[i] * sr / FINE_SR;
-        }
-}
-
-/* A texel of its four parts; of the finest, where parts is NULL, the radiance is known already. */
-static void node_fill(node *to, int x, int y, int side, const node *parts)
-{
-    float sum[3] = {0.0f, 0.0f, 0.0f};
-    int i, k;
-
-    for (i = 0; i < 4 && parts; i++) {
-        const node *from = &parts[(2 * y + i / 2) * 2 * side + 2 * x + i % 2];
-
-        for (k = 0; k < 3; k++) {
-            to->rgb[k] += 0.25f * from->rgb[k];
-            sum[k] += from->luminance * from->dir[k];
-        }
-    }
-    to->luminance = envsamp_luminance(to->rgb);
-    if (dot3(sum, sum) > 0.0f) {
-        memcpy(to->dir, sum, sizeof sum);
-        scene_normalize(to->dir);
-    } else {
-        dome_dir(((float)x + 0.5f) / (float)side, ((float)y + 0.5f) / (float)side, to->dir);
-    }
-    to->reach = farthest_corner(x, y, side, to->dir);
-}
-
-static void dome_finish(dome *d)
-{
-    int level, i;
-
-    for (level = LEVELS - 1; level >= 0; level--) {
-        const int side = SIDE << level;
-
-        for (i = 0; i < side * side; i++)
-            node_fill(&d->level[level][i], i % side, i / side, side,
-                      level < LEVELS - 1 ? d->level[level + 1] : NULL);
-    }
-    d->reach = 0.0f;
-    for (i = 0; i < TEXELS; i++) {
-        const int x = i % SIDE, y = i / SIDE;
-
-        dome_dir(((float)x + 0.5f) / SIDE, ((float)y + 0.5f) / SIDE, d->middle[i]);
-        d->reach = fmaxf(d->reach, farthest_corner(x, y, SIDE, d->middle[i]));
-    }
-    d->reach = 2.0f * asinf(0.5f * d->reach);
-}
-
-/* Azimuth that the map is turned by, so that its light comes from one side in every map. */
-static float light_turn(const image *map)
-{
-    float x = 0.0f, y = 0.0f;
-    int i, row;
-
-    for (row = 0; row < map->height / 2; row++)
-        for (i = 0; i < map->width; i++) {
-            const float phi = 2.0f * LIGHT_PI * ((float)i + 0.5f) / (float)map->width;
-            const float weight = texel_luminance(map, i, row)
-                                 * texel_sr(map->width, map->height, row);
-
-            x += weight * cosf(phi);
-            y += weight * sinf(phi);
-        }
-    return LIGHT_AZIMUTH - atan2f(y, x);
-}
-
-/* To be freed with free; NULL if memory is short. */
-static dome *dome_make(const image *map)
-{
-    const size_t nodes = (size_t)FINE * FINE * 4 / 3;
-    dome *d = calloc(1, sizeof *d + nodes * sizeof(node));
-    node *next;
-    int level;
-
-    if (!d)
-        return NULL;
-    next = (node *)(void *)(d + 1);
-    for (level = 0; level < LEVELS; level++) {
-        d->level[level] = next;
-        next += (SIDE << level) * (SIDE << level);
-    }
-    d->fine = d->level[LEVELS - 1];
-    dome_splat(d, map, light_turn(map));
-    dome_finish(d);
-    return d;
-}
+#define SIDE DOME_SIDE               /* of an importance map */
+#define TEXELS DOME_TEXELS
 
 /* ---- importance ------------------------------------------------------------------------------ */
 
@@ -264,7 +98,7 @@ static float split(float share, float *u, int *second)
 {
     *second = *u >= share;
     *u = *second ? (*u - share) / (1.0f - share) : *u / share;
-    *u = fminf(*u, BELOW_ONE);
+    *u = fminf(*u, DOME_BELOW_ONE);
     return *second ? 1.0f - share : share;
 }
 
@@ -277,7 +111,7 @@ static float draw_within(const dome *d, const scene_point *p, int x, int y, cons
     float u = jitter[0], v = jitter[1], density = 1.0f;
     int level, right, below;
 
-    for (level = 1; level < LEVELS; level++) {
+    for (level = 1; level < DOME_LEVELS; level++) {
         const int side = SIDE << level;
         const node *part = &d->level[level][2 * y * side + 2 * x];
         const float w[4] = {node_importance(part, p), node_importance(part + 1, p),
@@ -293,8 +127,8 @@ static float draw_within(const dome *d, const scene_point *p, int x, int y, cons
         x = 2 * x + right;
         y = 2 * y + below;
     }
-    *texel = y * FINE + x;
-    dome_dir(((float)x + u) / FINE, ((float)y + v) / FINE, dir);
+    *texel = y * DOME_FINE + x;
+    dome_dir(((float)x + u) / DOME_FINE, ((float)y + v) / DOME_FINE, dir);
     return density;
 }
 
@@ -314,7 +148,7 @@ static const envsamp_halftone_desc halftone_desc = {
 /* What it takes to shade. */
 typedef struct shading {
     dome *dome;
-    double cdf[FINE * FINE];         /* of the light, for candidates of SIR */
+    double cdf[DOME_FINE * DOME_FINE];         /* of the light, for candidates of SIR */
     int hilbert[TEXELS];             /* texel y * SIDE + x of each step of the curve */
     envsamp_buffer scratch;
     envsamp_texel chosen[RAYS];
@@ -416,7 +250,7 @@ typedef struct candidate { float dir[3], pdf; int texel; } candidate;
 /* Draws from the dome's light, exactly. */
 static void draw_light(const shading *s, double u, const float jitter[2], candidate *c)
 {
-    int low = 0, high = FINE * FINE - 1;
+    int low = 0, high = DOME_FINE * DOME_FINE - 1;
 
     while (low < high) {
         const int middle = (low + high) / 2;
@@ -427,9 +261,9 @@ static void draw_light(const shading *s, double u, const float jitter[2], candid
             low = middle + 1;
     }
     c->texel = low;
-    c->pdf = (float)(s->cdf[low] - (low ? s->cdf[low - 1] : 0.0)) / FINE_SR;
-    dome_dir(((float)(low % FINE) + jitter[0]) / FINE, ((float)(low / FINE) + jitter[1]) / FINE,
-             c->dir);
+    c->pdf = (float)(s->cdf[low] - (low ? s->cdf[low - 1] : 0.0)) / DOME_FINE_SR;
+    dome_dir(((float)(low % DOME_FINE) + jitter[0]) / DOME_FINE,
+             ((float)(low / DOME_FINE) + jitter[1]) / DOME_FINE, c->dir);
 }
 
 /* Sampling-importance resampling as in [Burke, Ghosh, Heidrich 2004; Talbot, Cline, Egbert 2005]:
@@ -501,78 +335,11 @@ static const char *shading_make(shading *s, const image *map)
         return "not enough memory";
     for (i = 0; i < TEXELS; i++)
         s->hilbert[i] = hilbert_texel(i);
-    for (i = 0; i < FINE * FINE; i++)
+    for (i = 0; i < DOME_FINE * DOME_FINE; i++)
         sum += (double)s->dome->fine[i].luminance;
-    for (i = 0; i < FINE * FINE; i++)
+    for (i = 0; i < DOME_FINE * DOME_FINE; i++)
         s->cdf[i] = (i ? s->cdf[i - 1] : 0.0) + (double)s->dome->fine[i].luminance / sum;
     return sum > 0.0 ? NULL : "has no light above the horizon";
-}
-
-/* ---- the reference --------------------------------------------------------------------------- */
-
-/* A directional light. */
-typedef struct part { float dir[3], rgb[3]; } part;
-
-#define BLOCK 2                      /* finest texels, each way */
-#define BLOCKS_ACROSS (FINE / BLOCK)
-#define BLOCKS (BLOCKS_ACROSS * BLOCKS_ACROSS)
-#define PARTS_MAX (9 * BLOCKS)       /* n^2 <= (sqrt(x) / 2 + 2)^2 <= x / 2 + 8, x = 1 on average */
-
-/* The dome as directional lights: every block as one, or, if it is more than 4 times as bright as
-   they are on average, as n x n, n^2 in proportion to that, so that a sun has a penumbra. Returns
-   how many they are. */
-static int dome_parts(const dome *d, part *to)
-{
-    const node *blocks = d->level[LEVELS - 2];
-    float sum = 0.0f;
-    int i, k, c, count = 0;
-
-    for (i = 0; i < BLOCKS; i++)
-        sum += blocks[i].luminance;
-    for (i = 0; i < BLOCKS; i++) {
-        const int x = i % BLOCKS_ACROSS, y = i / BLOCKS_ACROSS;
-        const float times = blocks[i].luminance / sum * BLOCKS;
-        const int n = times > 4.0f ? (int)ceilf(0.5f * sqrtf(times) / BLOCK) * BLOCK : 1;
-
-        for (k = 0; k < n * n; k++, count++) {
-            const float u = (float)x + ((float)(k % n) + 0.5f) / (float)n;
-            const float v = (float)y + ((float)(k / n) + 0.5f) / (float)n;
-            const node *from = &d->fine[(int)(v * BLOCK) * FINE + (int)(u * BLOCK)];
-
-            from = n == 1 ? &blocks[i] : from;
-            dome_dir(u / BLOCKS_ACROSS, v / BLOCKS_ACROSS, to[count].dir);
-            if (n == 1)
-                memcpy(to[count].dir, from->dir, sizeof from->dir);
-            for (c = 0; c < 3; c++)
-                to[count].rgb[c] = from->rgb[c] * BLOCK * BLOCK * FINE_SR / (float)(n * n);
-        }
-    }
-    return count;
-}
-
-/* Sums over all parts. Returns the share of the light that something is in the way of. */
-static float reference(const part *parts, int count, const scene_point *p, float rgb[3])
-{
-    double sum[3] = {0.0, 0.0, 0.0}, all = 0.0, seen = 0.0;
-    int i, k;
-
-    for (i = 0; i < count; i++) {
-        const part *from = &parts[i];
-        const float reflected = scene_reflected(p, from->dir);
-        const double luminance = (double)(reflected * envsamp_luminance(from->rgb));
-
-        if (!(reflected > 0.0f))
-            continue;
-        all += luminance;
-        if (!scene_visible(p, from->dir))
-            continue;
-        seen += luminance;
-        for (k = 0; k < 3; k++)
-            sum[k] += (double)(reflected * from->rgb[k]);
-    }
-    for (k = 0; k < 3; k++)
-        rgb[k] = (float)sum[k];
-    return all > 0.0 ? (float)(1.0 - seen / all) : 0.0f;
 }
 
 /* ---- figures --------------------------------------------------------------------------------- */
@@ -596,7 +363,7 @@ typedef struct trial {
     double us[WAYS];                 /* microseconds a pixel */
 } trial;
 
-static void see(trial *t, const part *parts, int part_count, int surface, int pixel)
+static void see(trial *t, const dome_part *parts, int part_count, int surface, int pixel)
 {
     seen *s = &t->seen[surface][pixel];
     float blocked;
@@ -605,7 +372,7 @@ static void see(trial *t, const part *parts, int part_count, int surface, int pi
                            &s->point);
     if (!s->there)
         return;
-    blocked = reference(parts, part_count, &s->point, s->reference);
+    blocked = dome_reflected(parts, part_count, &s->point, s->reference);
     s->kind = blocked > NOTHING_BLOCKED ? OCCLUDED : VISIBLE;
 }
 
@@ -654,7 +421,7 @@ static void shade_all(trial *t, shading *s, int way)
     t->us[way] = 1e6 * (double)(clock() - start) / (double)CLOCKS_PER_SEC / (double)count;
 }
 
-/* Relative to the mean of the reference. */
+/* Root mean square error relative to the mean of the reference. */
 static double rmse(const tally *t)
 {
     return t->reference > 0.0 ? sqrt(t->squares * (double)t->count) / t->reference : 0.0;
@@ -756,7 +523,7 @@ static int trial_alloc(trial *t)
 
 static int trial_run(trial *t, shading *s)
 {
-    part *parts = malloc(PARTS_MAX * sizeof *parts);
+    dome_part *parts = malloc(DOME_PARTS * sizeof *parts);
     int surface, way, count, i;
 
     if (!parts)

@@ -378,7 +378,7 @@ static int call_sound(const chart *c, int count, int kernel, int scan, int repea
     return sound;
 }
 
-/* RANDOM repeats anyway, and has no cells. */
+/* RANDOM has no cells, and `repeat` only tells it how many to draw where few texels are lit. */
 static int scans_of(int kernel)
 {
     return kernel == ENVSAMP_KERNEL_RANDOM ? 1 : 2;
@@ -485,7 +485,7 @@ static const short variable[128][3] = {
     { 3, 2, 1 }, { 481, 314, 185 }, { 354, 226, 155 }, { 1389, 866, 685 }, { 227, 138, 125 },
     { 267, 158, 163 }, { 327, 188, 220 }, { 61, 34, 45 }, { 627, 338, 505 }, { 1227, 638, 1075 },
     { 20, 10, 19 }, { 1937, 1000, 1767 }, { 977, 520, 855 }, { 657, 360, 551 }, { 71, 40, 57 },
-    { 2005, 1160, 1539 }, { 337, 200, 247 }, { 2039, 1220, 1425 }, { 257, 160, 171 },
+    { 2005, 1160, 1539 }, { 337, 200, 247 }, { 2039, 1240, 1425 }, { 257, 160, 171 },
     { 691, 440, 437 }, { 1045, 680, 627 }, { 301, 200, 171 }, { 177, 120, 95 },
     { 2141, 1480, 1083 }, { 1079, 760, 513 }, { 725, 520, 323 }, { 137, 100, 57 },
     { 2209, 1640, 855 }, { 53, 40, 19 }, { 2243, 1720, 741 }, { 565, 440, 171 }, { 759, 600, 209 },
@@ -658,8 +658,7 @@ static int as_plain(const chart *c, const envsamp_halftone_desc *desc,
 }
 
 /* Sums of whole numbers are exact, but errors are not: that none differ is no matter of course, but
-   a texel where rounding decides comes once in 10^12. Of the kernel whose weights are interpolated,
-   by another formula here, a few may. */
+   a texel where rounding decides comes once in 10^12. */
 static void test_plain(int kernel, int scan)
 {
     static const struct { int width, height; double black; } shapes[] = {
@@ -685,13 +684,12 @@ static void test_plain(int kernel, int scan)
             }
         free(c.value);
     }
-    CHECK(differ <= (kernel == ENVSAMP_KERNEL_OSTROMOUKHOV ? scans / 50 : 0),
-          "%s, %s: %d of %d scans are not plain ones", kernel_names[kernel], scan_names[scan],
-          differ, scans);
+    CHECK(differ == 0, "%s, %s: %d of %d scans are not plain ones", kernel_names[kernel],
+          scan_names[scan], differ, scans);
     CHECK(control > scans / 4, "control: by the next kernel %d are not", control);
 }
 
-/* Importances of maps, whose sums are rounded: in one, at most, rounding may decide. */
+/* Importances of maps, whose sums are rounded. */
 static void test_plain_maps(int scan)
 {
     int map, differ = 0;
@@ -702,8 +700,25 @@ static void test_plain_maps(int scan)
 
         differ += !as_plain(&maps[map], &desc, &desc);
     }
-    CHECK(differ <= 1, "%s: of maps %d of %d scans are not plain ones", scan_names[scan], differ,
+    CHECK(differ == 0, "%s: of maps %d of %d scans are not plain ones", scan_names[scan], differ,
           map_count);
+}
+
+/* Of four texels alike, for one sample, the second takes the sum to half of S/M, not past it. */
+static void test_threshold(void)
+{
+    chart ones = chart_even(4, 1, 1.0f);
+    int kernel, wrong = 0;
+
+    for (kernel = 0; kernel < KERNELS; kernel++) {
+        const envsamp_halftone_desc desc = describe(1, kernel, ENVSAMP_SCAN_CELLS, 0, 0);
+        draw d = draw_make(&ones, &desc);
+
+        wrong += d.count != 1 || d.texel[0].x != 2;
+        draw_free(&d);
+    }
+    CHECK(wrong == 0, "a texel is chosen past half of S/M, not at it");
+    free(ones.value);
 }
 
 /* A row of ones shows the error at the start, which is even in S/M from -1/2 to 1/2: one sample of
@@ -785,7 +800,7 @@ static void test_start(int scan)
             moved += !same_texels(texel[0], low, texel[1], high);
             draw_free(&d);
         }
-    CHECK(differ <= 1 && known > 150, "%s: from another start %d of %d scans are not plain ones",
+    CHECK(differ == 0 && known > 150, "%s: from another start %d of %d scans are not plain ones",
           scan_names[scan], differ, known);
     CHECK(moved > known / 2, "control: from no error at the start %d are not", moved);
     free(ones.value);
@@ -796,7 +811,7 @@ static void test_start(int scan)
 
 #define RECTS 100
 #define DENSITY 2.5             /* samples too many or few, in sqrt(perimeter in cells) */
-#define QUIETER 0.4             /* RMS of that at M = 256, over that of RANDOM: 0.30 to 0.33 */
+#define QUIETER 0.4             /* RMS of that at M = 256, over that of RANDOM: 0.28 to 0.34 */
 
 typedef struct rect { int x0, y0, x1, y1; } rect;
 
@@ -1169,13 +1184,13 @@ static void test_frequency_row(int kernel, int scan)
     free(c.value);
 }
 
-/* In two dimensions the start is soon forgotten, and some places are chosen a little more often
-   than they are worth. Total variation between frequencies and masses of blocks, with M = 64, is 0.04,
-   of the two kernels that reach two cells ahead 0.13. */
+/* In two dimensions some places are chosen a little more often than they are worth. Total variation
+   between frequencies and masses of blocks, with M = 64: 0.012, which is what 2000 seeds can tell,
+   but of the two kernels that reach two cells ahead 0.12. */
 static void test_frequency(int kernel, const char *name)
 {
     enum { COUNT = 64, SEEDS = 2000 };
-    const double most = is_wide(kernel) ? 0.15 : 0.05;
+    const double most = is_wide(kernel) ? 0.15 : 0.02;
     double mass[BLOCKS] = { 0.0 }, hits[BLOCKS] = { 0.0 }, one[BLOCKS], off, single = 0.0;
     chart c = chart_made_up(name, 64, 64);
     uint32_t seed;
@@ -1209,7 +1224,7 @@ static int wrong_calls(const chart *c)
 
     for (kernel = 0; kernel <= KERNELS; kernel++)
         for (scan = 0; scan < scans_of(kernel); scan++)
-            for (repeat = least_repeat(kernel); repeat < 2; repeat++)
+            for (repeat = 0; repeat < 2; repeat++)
                 for (k = 0; k < (few ? 3 : 8); k++)
                     if (counts[k] > 0)
                         wrong += !call_sound(c, counts[k], kernel, scan, repeat, 0xffffffffu)
@@ -1705,6 +1720,7 @@ static void test_choices(void)
         test_start(scan);
     }
     test_start_even();
+    test_threshold();
 }
 
 static void test_statistics(void)

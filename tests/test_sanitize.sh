@@ -18,7 +18,7 @@ else
 fi
 for subject in $subjects; do
     count=$((count + 1))
-    [ $subject = kd_warp ] && quick=quick || quick=
+    case $subject in kd_warp | halftone) quick=quick ;; *) quick= ;; esac
     if [ $able = 0 ]; then
         echo "ok $count # SKIP $subject: $cc has no address sanitizer here"
     elif $cc -std=c99 -O1 -g -fsanitize=$kinds -fno-sanitize-recover=all -I. \
