@@ -7498,8 +7498,8 @@ static void envsamp__set_pace(envsamp__halftone *h)
     h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
 }
 
-/* With `repeat`, error that ends up in black cells leaves samples out, and rounding may, in a map of
-   denormals all. */
+/* With `repeat`, error that ends up in black cells leaves samples out, and rounding may leave all
+   of them, in a map of denormals. */
 static void envsamp__take_rest(envsamp__halftone *h)
 {
     int x, y;

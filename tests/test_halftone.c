@@ -325,7 +325,8 @@ static int texel_sound(const envsamp_texel *t, const chart *c)
         return 0;
     value = (double)c->value[t->y * c->width + t->x];
     return value > 0.0
-        && fabs((double)t->probability - value / c->total) <= 1e-7 * value / c->total + 1e-45;
+        && t->probability > 0.0f
+        && fabs((double)t->probability - value / c->total) <= 1e-7 * value / c->total + 1.2e-38;
 }
 
 /* Whether a draw is in the order of the scan; so none is twice in it, but where that may be. */
