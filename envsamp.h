@@ -515,8 +515,8 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_get_info(const envsamp_cdf *cdf, envsamp_
 
 /* ---- halftone: error diffusion over any importance map -------------------------------------- */
 
-/* How the error of a cell goes on to those that come after it, in parts: those ahead in its row
-   after the dash, the rows below under it. */
+/* How the error of a texel goes on to those that come after it, in parts: those ahead in its row
+   after the dash, then the rows below. For TEXELS only, but for RANDOM. */
 typedef enum envsamp_kernel {
     ENVSAMP_KERNEL_SZIRMAY = 0,      /* - 3, 0 3 2: of 8 [9] */
     ENVSAMP_KERNEL_FLOYD_STEINBERG,  /* - 7, 3 5 1: of 16 [10] */
@@ -526,12 +526,13 @@ typedef enum envsamp_kernel {
     ENVSAMP_KERNEL_RANDOM            /* no error: independent draws, the baseline */
 } envsamp_kernel;
 
-/* What is diffused over. TEXELS is as published: it chooses nothing before a whole row of errors
-   has grown, so that a few hundred samples of a large map miss its upper part, and are worse than
-   random ones. CELLS has the density right from the first texel on, at any count. */
+/* TEXELS is as published: it chooses nothing before a whole row of errors has grown, so that a few
+   hundred samples of a large map miss its upper part, and are worse than random ones. CELLS, ours,
+   has the density right from the first texel on, at any count. */
 typedef enum envsamp_scan {
-    ENVSAMP_SCAN_CELLS = 0,  /* cells of about half a sample each; most of an error goes ahead */
-    ENVSAMP_SCAN_TEXELS      /* texel by texel, row by row [9] */
+    ENVSAMP_SCAN_CELLS = 0,  /* in cells of about half a sample; all of an error goes ahead, what
+                                [9] calls the extreme case, so the kernel does not matter */
+    ENVSAMP_SCAN_TEXELS      /* texel by texel, row by row, as the kernel says [9] */
 } envsamp_scan;
 
 typedef struct envsamp_halftone_desc {
@@ -547,8 +548,8 @@ typedef struct envsamp_halftone_desc {
    divided by. Each of M stands for S/M of the importance. */
 typedef struct envsamp_texel { int x, y; float probability; } envsamp_texel;
 
-/* Scratch of envsamp_halftone: 12 bytes a column and 16 a cell across, of which there are as many
-   as columns at most; JARVIS and STUCKI 24. table_bytes is 0. width and height are 1..65535.
+/* Scratch of envsamp_halftone: 12 bytes a column; with TEXELS 28, with JARVIS and STUCKI 36.
+   table_bytes is 0. width and height are 1..65535.
    Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   const envsamp_halftone_desc *desc,
@@ -565,8 +566,8 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
    Evenness: with CELLS and `repeat` the number of samples in a rectangle of mass m was within 2.5
      sqrt(perimeter in cells) of M m in every map tried, for 64 to 1024 samples; 0.6 sqrt(perimeter
      in texels) at 512 by 256.
-     Over many seeds parts of the map are chosen as often as they are worth, within 1 %; with JARVIS
-     and STUCKI, which reach two cells ahead, within 12 %.
+     With a random seed above 0 every texel is chosen as often as it is worth, so that the mean of
+     f / (M probability) is the sum of f; TEXELS chooses dim ones too often, and has fireflies.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE for a NaN, infinite or negative importance,
      _BLACK if all are zero, _MEMORY if `capacity` or scratch is too small, or _ALIGN; then *count
      is 0.
@@ -625,7 +626,7 @@ typedef struct envsamp_lights_info {
 
 ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
 
-/* Scratch of envsamp_lights. HALFTONE and RANDOM: 8 bytes a row, 12 to 28 a column, 12 a light.
+/* Scratch of envsamp_lights. HALFTONE and RANDOM: 8 bytes a row, 12 a column, 12 a light.
    Cuts: up to 6 MB, 3 for a map twice as wide as high, and 40 bytes a light. RELAXED: up to 1 MB,
    and 6 KB a light, no more than 3 MB of these, and 44 bytes. Both 16 bytes a column and 24 a row.
    table_bytes is 0. `desc` NULL: the defaults. Needs the image's sizes, not its pixels.
@@ -6957,30 +6958,31 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
  * HALFTONE                                                                 [search: @halftone]
  *
  * Error diffusion: importance is added up along a path over the map, a texel is chosen where the
- * sum passes half of S/M, and S/M is taken off it. What is left of the sum at the end of a cell is
- * its error, which a kernel splits between the next cells and those below. Rows of cells are
- * walked to and fro, a cell column by column, down first, then up; one that is worth n >= 2
- * samples in 2 floor(sqrt(n / 2)) + 1 bands, each as a low cell that begins downwards:
+ * sum passes half of S/M, and S/M is taken off it: what is left is the error.
  *
- *       +-----------+-----------+-----------+
- *       | 1 4 5 8 ->| 1 4 5 8 ->| 1 4 5 8   |      TEXELS: a cell is one texel, and the kernel as
- *       | 2 3 6 7   | 2 3 6 7   | 2 3 6 7 | |      published.
- *       +-----------+-----------+---------|-+      CELLS: they hold half a sample on average, and
- *       |   8 5 4 1 |   8 5 4 1 |   8 5 4 v |      all that a kernel does not send ahead counts a
- *       |   7 6 3 2 |<- 7 6 3 2 |<- 7 6 3 2 |      hundredth: most of an error goes ahead.
- *       +-----------+-----------+-----------+
+ *       +-----------+-----------+-----------+    CELLS: they hold half a sample on average. Rows
+ *       | 1 4 5 8 ->| 1 4 5 8 ->| 1 4 5 8   |    of them are walked to and fro, a cell column by
+ *       | 2 3 6 7   | 2 3 6 7   | 2 3 6 7 | |    column, down and up, in every second row of cells
+ *       +-----------+-----------+---------|-+    up and down; one that is worth n >= 2 samples in
+ *       |   7 6 3 2 |   7 6 3 2 |   7 6 3 v |    2 floor(sqrt(n / 2)) + 1 bands, each as a low cell
+ *       |   8 5 4 1 |<- 8 5 4 1 |<- 8 5 4 1 |    of that row. All of the error goes on along the
+ *       +-----------+-----------+-----------+    path.
  *
- * Nothing is lost at the border: shares of cells outside go to those within. So the errors that
- * are left in the end sum to what the samples miss of S, and M come out by themselves, but for
- * rounding and for texels that are brighter than S/M or black. Where as many samples are missing
- * as lit texels are left, all of these are chosen; after M, none.
+ * TEXELS: a cell is one texel, after which a kernel splits its error between the next ones and
+ * those below. Nothing is lost at the border: shares outside of the map go to those within.
+ *
+ * So the errors that are left in the end sum to what the samples miss of S, and M come out by
+ * themselves, but for rounding and for texels that are brighter than S/M or black. Where as many
+ * samples are missing as lit texels are left, all of these are chosen; after M, none.
  *
  * A kernel of a few texels cannot spread a handful of samples over thousands: until a column has
  * gathered half a sample none is chosen, then a dozen are in one row, and the rows below are in
- * debt. [9] recommends to shift weight ahead where samples are few, in the extreme case all of it.
- * Along rows of texels that makes strips; along rows of cells, compact regions of equal light. RMS
- * relative error of irradiance over 64 normals, and RMS error of the number of samples, of 256, in
- * 100 rectangles, geometric means of 18 maps of 512x256, with [10] unless said:
+ * debt. And an error from above may choose a texel that is hardly worth anything: divided by its
+ * probability, such a sample is a firefly. [9] recommends to shift weight ahead where samples are
+ * few, "in the extreme case" all of it. Along rows of texels that makes strips; along rows of
+ * cells, compact regions of equal light, and with a random start every texel is chosen as often as
+ * it is worth. RMS relative error of irradiance over 64 normals, and RMS error of the number of
+ * samples, of 256, in 100 rectangles, geometric means of 18 maps of 512x256, [10] unless said:
  *
  *     samples                                    16     32     64    256    1024   rectangles
  *     independent draws                        0.41   0.30   0.21   0.11   0.053     4.9
@@ -6989,29 +6991,28 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
  *     - warmed up on the map upside down       3.62   3.05   1.88   0.22   0.061     6.6
  *     - [9], 1 - 4 / spacing ahead             2.59   1.91   1.37   0.68   0.34      7.9
  *     - both                                   0.46   0.25   0.12   0.060  0.043     2.9
- *     Hilbert's curve, all ahead               0.16   0.090  0.057  0.013  0.0036    1.49
- *     CELLS, 2 a sample, the kernel as it is   0.17   0.121  0.085  0.051  0.027     1.64
+ *     Hilbert's curve                          0.16   0.090  0.057  0.013  0.0036    1.49
+ *     CELLS, 2 a sample, split by the kernel   0.17   0.121  0.085  0.051  0.027     1.64
  *     - a tenth of it below                    0.17   0.097  0.044  0.0099 0.0024    1.40
  *       - walked row by row instead            0.19   0.104  0.048  0.0117 0.0032    1.39
  *       - 1 cell a sample instead of 2         0.18   0.092  0.047  0.0119 0.0028    1.60
  *       - 4                                    0.19   0.105  0.051  0.0119 0.0034    1.39
- *     - a hundredth                            0.17   0.091  0.045  0.0104 0.0025    1.45
- *       - and bands: as it is                  0.17   0.081  0.044  0.0102 0.0024    1.39
+ *     - bands, nothing below: as it is         0.17   0.085  0.046  0.0108 0.0024    1.44
  *
- * (From Hilbert's curve on with `repeat`. Without it the last line ends 0.0114, 0.0057, 1.93.) The
- * mean of 256 seeds, of 256 samples, is off by 0.0025 with a tenth below, 0.0010 with a hundredth.
+ * (From Hilbert's curve on with `repeat`. Without it the last line ends 0.0122, 0.0062, 2.03.)
+ * What goes below makes the mean over seeds wrong: with 256 samples and 256 seeds by 0.0025 where
+ * it is a tenth, 0.0010 a hundredth, 0.0007 nothing, which is the noise of so many seeds.
  *
  * The sums of all columns of some cells come first; only where one takes the sum over the
  * threshold are its texels looked at.
  * ========================================================================================== */
 
 #define ENVSAMP__CELLS_PER_SAMPLE 2.0
-#define ENVSAMP__BELOW 0.01         /* of a kernel's weights for the rows below, with CELLS */
 #define ENVSAMP__TAPS 12
 #define ENVSAMP__LANES 32           /* columns that are summed together: a constant, so that
                                        compilers vectorise at -O2 too */
 
-/* Where a kernel sends an error: so many cells on in the direction of the scan, in the same row or
+/* Where a kernel sends an error: so many texels on in the direction of the scan, in the same row or
    one or two below. */
 typedef struct envsamp__tap { signed char across, below, parts; } envsamp__tap;
 
@@ -7040,8 +7041,9 @@ typedef struct envsamp__halftone {
     double mass;                /* of the cell */
     double *sum;                /* importance of every column of the strip, */
     int *lit_count;             /* and how many of its texels are above zero */
-    double ahead;               /* error that waits for the cell after the next */
-    double *row[3];             /* errors that wait for cells of this strip and the next two */
+    double ahead;               /* error that waits for the texel after the next */
+    double *row[3];             /* errors that wait for texels of this row and the next two */
+    int rows;                   /* of these, by the kernel; 0: CELLS */
     envsamp__tap tap[ENVSAMP__TAPS];
     double share[ENVSAMP__TAPS];
     int tap_count;
@@ -7282,7 +7284,8 @@ static void envsamp__walk_column(envsamp__halftone *h, int x, int up)
     }
 }
 
-/* A row of the cell's columns, the step-th way, all of their height or a part of it. */
+/* A row of the cell's columns, the step-th way, all of their height or a part of it. In turns, rows
+   of cells begin downwards and upwards: else those of an even map may all be low in their cells. */
 static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
 {
     int width = h->x1 - h->x0, i;
@@ -7291,9 +7294,9 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
         int x = step > 0 ? h->x0 + i : h->x1 - 1 - i;
 
         if (y1 - y0 == h->y1 - h->y0)
-            envsamp__walk_column(h, x, i & 1);
+            envsamp__walk_column(h, x, (i + h->strip) & 1);
         else
-            envsamp__walk_texels(h, x, y0, y1, i & 1);
+            envsamp__walk_texels(h, x, y0, y1, (i + h->strip) & 1);
     }
 }
 
@@ -7323,6 +7326,13 @@ static void envsamp__walk_cell(envsamp__halftone *h)
 
 /* ---- diffusing ---- */
 
+/* Whether a kernel splits errors: not with CELLS, where all of one goes ahead, round the ends of
+   rows too. */
+static int envsamp__diffuses(const envsamp__halftone *h)
+{
+    return h->desc->scan == ENVSAMP_SCAN_TEXELS && h->desc->kernel != ENVSAMP_KERNEL_RANDOM;
+}
+
 /* The shares of [13]: between some levels of 0..255, which his table gives, the three change
    evenly. Above the middle they are those of 255 less the level. */
 static void envsamp__ostromoukhov_shares(double level, double share[3])
@@ -7348,21 +7358,7 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
                      + t * (double)b[k] / (double)(b[1] + b[2] + b[3]);
 }
 
-/* Lessens what goes below, with CELLS, and evens it out ahead. Shares sum to 1. */
-static void envsamp__weigh_shares(envsamp__halftone *h)
-{
-    double ahead = 0.0, below;
-    int i;
-
-    if (h->desc->scan == ENVSAMP_SCAN_TEXELS)
-        return;
-    for (i = 0; i < h->tap_count; i++)
-        ahead += h->tap[i].below ? 0.0 : h->share[i];
-    below = ENVSAMP__BELOW * (1.0 - ahead);
-    for (i = 0; i < h->tap_count; i++)
-        h->share[i] *= h->tap[i].below ? ENVSAMP__BELOW : (1.0 - below) / ahead;
-}
-
+/* Taps and shares, with TEXELS. */
 static void envsamp__set_kernel(envsamp__halftone *h)
 {
     static const envsamp__tap taps[][ENVSAMP__TAPS] = {
@@ -7374,40 +7370,38 @@ static void envsamp__set_kernel(envsamp__halftone *h)
         { { 1, 0, 8 }, { 2, 0, 4 },
           { -2, 1, 2 }, { -1, 1, 4 }, { 0, 1, 8 }, { 1, 1, 4 }, { 2, 1, 2 },
           { -2, 2, 1 }, { -1, 2, 2 }, { 0, 2, 4 }, { 1, 2, 2 }, { 2, 2, 1 } },
-        { { 1, 0, 1 }, { -1, 1, 1 }, { 0, 1, 1 } },     /* by importance: see above */
-        { { 1, 0, 1 }, { 0, 1, 1 } }                    /* RANDOM: nothing gets lost */
+        { { 1, 0, 1 }, { -1, 1, 1 }, { 0, 1, 1 } }      /* by importance: see above */
     };
-    const envsamp__tap *tap = taps[h->desc->kernel];
     double parts = 0.0;
     int i;
 
-    for (i = 0; i < ENVSAMP__TAPS && tap[i].parts; i++)
-        parts += (double)tap[i].parts;
+    if (!envsamp__diffuses(h))
+        return;
+    for (i = 0; i < ENVSAMP__TAPS && taps[h->desc->kernel][i].parts; i++)
+        parts += (double)taps[h->desc->kernel][i].parts;
     h->tap_count = i;
     for (i = 0; i < h->tap_count; i++) {
-        h->tap[i] = tap[i];
-        h->share[i] = (double)tap[i].parts / parts;
+        h->tap[i] = taps[h->desc->kernel][i];
+        h->share[i] = (double)h->tap[i].parts / parts;
     }
-    envsamp__weigh_shares(h);
+    h->rows = 1 + h->tap[h->tap_count - 1].below;
 }
 
-/* Sends the error of a finished cell on. Shares that would leave the map go to the others. */
+/* Sends the error of a texel on. Shares that would leave the map go to the others. */
 static void envsamp__diffuse(envsamp__halftone *h)
 {
     int inside[ENVSAMP__TAPS], i;
     double sum = 0.0, scale, next = h->ahead;
 
-    if (h->desc->kernel == ENVSAMP_KERNEL_OSTROMOUKHOV) {
+    if (h->desc->kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
         envsamp__ostromoukhov_shares(h->mass / h->quantum, h->share);
-        envsamp__weigh_shares(h);
-    }
     for (i = 0; i < h->tap_count; i++) {
         int to = h->cell + h->step * h->tap[i].across;
 
         inside[i] = to >= 0 && to < h->across && h->strip + h->tap[i].below < h->down;
         sum += inside[i] ? h->share[i] : 0.0;
     }
-    scale = sum > 0.0 ? h->error / sum : 0.0;       /* after the last cell nothing is left to do */
+    scale = sum > 0.0 ? h->error / sum : 0.0;       /* after the last one nothing is left to do */
     h->ahead = 0.0;
     for (i = 0; i < h->tap_count; i++) {
         double part = inside[i] ? scale * h->share[i] : 0.0;
@@ -7437,11 +7431,12 @@ static void envsamp__walk_strip(envsamp__halftone *h)
         h->x0 = forward ? edge : envsamp__part_edge(h->cell, h->across, width);
         h->x1 = forward ? envsamp__part_edge(h->cell + 1, h->across, width) : edge;
         edge = forward ? h->x1 : h->x0;
-        h->error += h->row[0][h->cell];
+        h->error += h->rows ? h->row[0][h->cell] : 0.0;
         for (h->mass = 0.0, x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
         envsamp__walk_cell(h);
-        envsamp__diffuse(h);
+        if (h->rows)
+            envsamp__diffuse(h);
     }
 }
 
@@ -7472,7 +7467,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     h->repeat = desc->repeat || desc->kernel == ENVSAMP_KERNEL_RANDOM;
     envsamp__set_kernel(h);
     envsamp__lay_cells(h, width, height);
-    for (i = 0; i <= h->tap[h->tap_count - 1].below; i++)
+    for (i = 0; i < h->rows; i++)
         h->row[i] = (double *)envsamp__take(arena, (uint64_t)h->across, sizeof(double));
     h->sum = (double *)envsamp__take(arena, (uint64_t)width, sizeof(double));
     h->lit_count = (int *)envsamp__take(arena, (uint64_t)width, sizeof(int));
@@ -7519,7 +7514,7 @@ static void envsamp__take_rest(envsamp__halftone *h)
 static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__grain *grain, double total,
                                    int64_t lit, int wanted, envsamp_texel *texels)
 {
-    int below = h->tap[h->tap_count - 1].below, i;
+    int i;
 
     h->grain = grain;
     h->texels = texels;
@@ -7527,17 +7522,19 @@ static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__grain *g
     h->lit = lit;
     h->wanted = wanted;
     envsamp__set_pace(h);
-    for (i = 0; i <= below; i++)
+    for (i = 0; i < h->rows; i++)
         memset(h->row[i], 0, (size_t)h->across * sizeof(double));
     for (h->strip = 0; h->strip < h->down && h->chosen < wanted; h->strip++) {
         double *done = h->row[0];
 
         h->step = h->strip % 2 ? -1 : 1;
         envsamp__walk_strip(h);
-        memset(done, 0, (size_t)h->across * sizeof(double));
-        for (i = 0; i < below; i++)
+        for (i = 0; i + 1 < h->rows; i++)
             h->row[i] = h->row[i + 1];
-        h->row[below] = done;
+        if (h->rows) {
+            memset(done, 0, (size_t)h->across * sizeof(double));
+            h->row[i] = done;
+        }
     }
     envsamp__take_rest(h);
 }
@@ -8540,7 +8537,7 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
                                                sizeof(envsamp_texel));
     l->halftone_desc.count = desc->count;
     l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM
-                            ? ENVSAMP_KERNEL_RANDOM : ENVSAMP_KERNEL_FLOYD_STEINBERG;
+                            ? ENVSAMP_KERNEL_RANDOM : ENVSAMP_KERNEL_SZIRMAY;
     l->halftone_desc.seed = desc->seed;
     l->halftone_desc.repeat = 1;
     envsamp__halftone_carve(&l->halftone, &l->halftone_desc, image->width, image->height, arena);

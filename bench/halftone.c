@@ -30,8 +30,8 @@ static const char *const kernels[KERNELS] = { "Szirmay", "Floyd-Steinberg", "Jar
                                               "Ostromoukhov" };
 
 /* What makes samples: halftones, then lights, then points through the CDF. */
-enum { RANDOM, SOBOL, TEXELS, CELLS = TEXELS + KERNELS, REPEAT = CELLS + KERNELS,
-       LIGHTS_HALFTONE = REPEAT + KERNELS, LIGHTS_RANDOM, ROWS };
+enum { RANDOM, SOBOL, TEXELS, CELLS = TEXELS + KERNELS, REPEAT, LIGHTS_HALFTONE, LIGHTS_RANDOM,
+       ROWS };
 
 typedef struct spot { float uv[2], dir[3], light; } spot;      /* light: what it stands for */
 
@@ -162,7 +162,7 @@ static envsamp_halftone_desc desc_of(int row, int count, uint32_t seed)
     memset(&desc, 0, sizeof desc);
     desc.count = count;
     desc.kernel = row == RANDOM ? ENVSAMP_KERNEL_RANDOM
-                : (envsamp_kernel)((row - TEXELS) % KERNELS);
+                : row < CELLS ? (envsamp_kernel)(row - TEXELS) : ENVSAMP_KERNEL_SZIRMAY;
     desc.seed = row == RANDOM ? seed : 0;
     desc.scan = row >= TEXELS && row < CELLS ? ENVSAMP_SCAN_TEXELS : ENVSAMP_SCAN_CELLS;
     desc.repeat = row >= REPEAT;
@@ -320,14 +320,14 @@ static errors measure(subject *s, int row, int map)
 
 static const char *name_of(int row, char name[48])
 {
-    static const char *const scans[] = { "texels, as published", "cells", "cells, repeat" };
+    static const char *const others[] = { "cells", "cells, repeat", "lights, HALFTONE",
+                                          "lights, RANDOM" };
 
     if (row == RANDOM || row == SOBOL)
         return row == RANDOM ? "random" : "Sobol points through the CDF";
-    if (row >= LIGHTS_HALFTONE)
-        return row == LIGHTS_HALFTONE ? "lights, HALFTONE" : "lights, RANDOM";
-    snprintf(name, 48, "%s, %s", kernels[(row - TEXELS) % KERNELS],
-             scans[(row - TEXELS) / KERNELS]);
+    if (row >= CELLS)
+        return others[row - CELLS];
+    snprintf(name, 48, "%s, texels, as published", kernels[row - TEXELS]);
     return name;
 }
 
@@ -408,7 +408,7 @@ static void print_maps(const map_set *set, const errors (*all)[ROWS], const doub
     int i, k;
 
     printf("\nMap by map, 256 samples: irradiance, then rectangles; 'largest': samples that the "
-           "brightest texel\nis worth; as published by Floyd-Steinberg, cells by Szirmay\n\n"
+           "brightest texel\nis worth; as published by Floyd-Steinberg\n\n"
            "| map | largest | random | Sobol | published | cells | repeat | random | Sobol | "
            "published | cells | repeat |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n");
     for (i = 0; i < set->count; i++) {
@@ -483,19 +483,22 @@ static void print_counts(const map_set *set, subject *s)
 
 /* ---- time ---- */
 
-#define TIMED (ENVSAMP_KERNEL_RANDOM + 1 + 3)
+enum { PASS, TIME_CELLS, TIME_RANDOM, TIME_TEXELS, TIME_LIGHTS, TIMED };
+
+static const char *const timed[TIMED] = { "luminance pass", "cells", "RANDOM", "Szirmay, texels",
+                                          "envsamp_lights, HALFTONE" };
 
 static void time_once(subject *s, int which, float *row_weights, float *importance)
 {
     envsamp_halftone_desc desc = desc_of(CELLS, 1024, 0);
 
-    if (which == 0) {
+    if (which == PASS) {
         baseline_luminance_pass(s->map.rgb, s->map.width, s->map.height, row_weights, importance);
-    } else if (which == TIMED - 1) {
+    } else if (which == TIME_LIGHTS) {
         make_lights(s, LIGHTS_HALFTONE, 1024, 0);
     } else {
-        desc.kernel = which == TIMED - 2 ? ENVSAMP_KERNEL_SZIRMAY : (envsamp_kernel)(which - 1);
-        desc.scan = which == TIMED - 2 ? ENVSAMP_SCAN_TEXELS : ENVSAMP_SCAN_CELLS;
+        desc.kernel = which == TIME_RANDOM ? ENVSAMP_KERNEL_RANDOM : ENVSAMP_KERNEL_SZIRMAY;
+        desc.scan = which == TIME_TEXELS ? ENVSAMP_SCAN_TEXELS : ENVSAMP_SCAN_CELLS;
         halftone(s, &desc);
     }
 }
@@ -522,10 +525,8 @@ static void print_times(subject *s)
            "over the pixels\nthat writes luminance x solid angle\n\n| | ms | passes |\n"
            "|---|---|---|\n", ROUND_COUNT);
     for (i = 0; i < TIMED; i++)
-        printf("| %s | %.2f | %.2f |\n",
-               i == 0 ? "luminance pass" : i == TIMED - 1 ? "envsamp_lights, HALFTONE"
-               : i == TIMED - 2 ? "Szirmay, texels" : i == TIMED - 3 ? "RANDOM" : kernels[i - 1],
-               1e3 * median(times[i]), median_ratio(times[i], times[0]));
+        printf("| %s | %.2f | %.2f |\n", timed[i], 1e3 * median(times[i]),
+               median_ratio(times[i], times[PASS]));
     free(row_weights);
     free(importance);
     subject_free(s);
