@@ -337,8 +337,8 @@ static void print_times(subject *s, const scene *view)
                 make_lights(s, m, 32, 0);
             times[m][round] = seconds() - start;
         }
-    printf("\n32 lights of studio at 1024x512, one core, medians of %d rounds, and over a pass over "
-           "the\npixels that writes luminance x solid angle, of %.2f ms\n\n| | ms | passes |\n"
+    printf("\n32 lights of studio at 1024x512, one core, medians of %d rounds, and over a pass over"
+           " the\npixels that writes luminance x solid angle, of %.2f ms\n\n| | ms | passes |\n"
            "|---|---|---|\n", ROUND_COUNT, 1e3 * median(times[METHODS]));
     for (m = 0; m < METHODS; m++)
         printf("| %s | %.2f | %.1f |\n", names[m], 1e3 * median(times[m]),

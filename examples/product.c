@@ -205,10 +205,11 @@ static void add_ray(shading *s, const scene_point *p, const float dir[3], int te
 }
 
 /* The double or the triple product; or SIR, whose choice is independent of what it has chosen. In
-   Hilbert's order neighbours of the row are neighbours in the map. All of an error goes ahead, the extreme case of section 1.3.1 and the
-   best one for so few samples; with a random start a texel is then chosen M p times in expectation,
-   exactly. Scanned as published (ENVSAMP_SCAN_TEXELS) it is not: a texel that is all but black may
-   be the first one after an error from above, and its weight, 1 / (M p), knows nothing of that. */
+   Hilbert's order neighbours of the row are neighbours in the map. All of an error goes ahead, the
+   extreme case of section 1.3.1 and the best one for so few samples; with a random start a texel is
+   then chosen M p times in expectation, exactly. Scanned as published (ENVSAMP_SCAN_TEXELS) it is
+   not: a texel that is all but black may be the first one after an error from above, of which its
+   weight, 1 / (M p), knows nothing. */
 static void shade_product(shading *s, const scene_point *p, int way, uint32_t seed, float rgb[3])
 {
     const envsamp_kernel kernel = way == SIR_MAP ? ENVSAMP_KERNEL_RANDOM : halftone_desc.kernel;

@@ -1200,8 +1200,8 @@ static void test_frequency_row(int kernel, int scan)
     free(c.value);
 }
 
-/* As in a row, so over the whole map: total variation between frequencies and masses of blocks, with
-   M = 64, is 0.006, which is what 2000 seeds can tell. */
+/* As in a row, so over the whole map: total variation between frequencies and masses of blocks,
+   with M = 64, is 0.006, which is what 2000 seeds can tell. */
 static void test_frequency(int kernel, const char *name)
 {
     enum { COUNT = 64, SEEDS = 2000 };
