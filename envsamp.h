@@ -643,7 +643,7 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
    lights: `capacity` of them, K or more. info may be NULL.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY if `capacity` or scratch is too
      small, or _ALIGN; nothing is said of `lights` then.
-   Time, in passes over the map that write luminance: HALFTONE 4, cuts 4, RELAXED 13 for 32 lights,
+   Time, in passes over the map that write luminance: HALFTONE 4, cuts 4, RELAXED 11 for 32 lights,
      growing with their square to some hundred. The same bits with any compiler, as for tables. */
 ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
                                           const envsamp_lights_desc *desc,
@@ -8142,7 +8142,7 @@ static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *l
  *     variance cut                                  0.111   0.058   0.034
  *     median cut, 20 rounds of Lloyd                0.094   0.046   0.024
  *     the same from HALFTONE                        0.092   0.043   0.024
- *     - and weights: as it is                       0.086   0.041   0.022
+ *     - and weights: as it is                       0.086   0.043   0.022
  *     - powers of the distance, 0.5; 0.7; 1.5 (32)  0.044, 0.042, 0.041
  *     - lights moved by the same error, 36 rounds   0.083   0.043   0.023
  *     - all with equal weights                      0.103   0.055   0.029

@@ -1382,9 +1382,9 @@ static void test_distance(void)
             image_free(&map);
         }
     for (rival = 1; rival < RIVALS; rival++)
-        CHECK(exp(logs[rival] / sets) <= most[rival] && 4 * lower[rival] >= 3 * sets, "RELAXED: energy "
-              "distance %.3f of that of %s, lower in %d of %d sets", exp(logs[rival] / sets),
-              rival_names[rival], lower[rival], sets);
+        CHECK(exp(logs[rival] / sets) <= most[rival] && 4 * lower[rival] >= 3 * sets,
+              "RELAXED: energy distance %.3f of that of %s, lower in %d of %d sets",
+              exp(logs[rival] / sets), rival_names[rival], lower[rival], sets);
 }
 
 /* ---- irradiance ---- */
