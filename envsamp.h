@@ -7083,14 +7083,23 @@ static const float *envsamp__grain_at(const envsamp__grain *grain, int x, int y)
          + (size_t)x * (size_t)grain->channels;
 }
 
+/* As envsamp_luminance, in double, of a pixel or of sums of pixels. */
+static double envsamp__luminance(const double *rgb, int channels)
+{
+    return channels == 1 ? rgb[0] : 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+}
+
 /* Luminance of a pixel, which in double cannot overflow. */
 static double envsamp__pixel_luminance(const float *pixel, int channels)
 {
-    float rgb[3];
+    double rgb[3];
+    float mended[3];
+    int c;
 
-    envsamp__mend_pixel(pixel, channels, rgb);
-    return channels == 1 ? (double)rgb[0]
-         : 0.2126 * (double)rgb[0] + 0.7152 * (double)rgb[1] + 0.0722 * (double)rgb[2];
+    envsamp__mend_pixel(pixel, channels, mended);
+    for (c = 0; c < 3; c++)
+        rgb[c] = (double)mended[c];
+    return envsamp__luminance(rgb, channels);
 }
 
 static double envsamp__grain_value(const envsamp__grain *grain, int x, int y)
@@ -7165,8 +7174,7 @@ static void envsamp__add_luminance(const double *sum, int channels, int count, d
     int x;
 
     for (x = 0; x < count; x++, sum += channels)
-        total[x] += channels == 1 ? sum[0]
-                  : 0.2126 * sum[0] + 0.7152 * sum[1] + 0.0722 * sum[2];
+        total[x] += envsamp__luminance(sum, channels);
 }
 
 /* Adds a run that is short, or may have bad pixels in it. */
@@ -7746,8 +7754,7 @@ static void envsamp__sum_channels(const envsamp__grain *grain, int x, int count,
 static void envsamp__add_to_square(const envsamp_image *image, const double rgb[3],
                                    const double dir[3], envsamp__square *square)
 {
-    double luminance = image->channels == 1 ? rgb[0]
-                     : 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+    double luminance = envsamp__luminance(rgb, image->channels);
     int c;
 
     square->luminance += luminance;
@@ -8559,9 +8566,7 @@ static void envsamp__lights_survey(envsamp__lights *l)
         for (c = 0; c < 3; c++)
             l->info.integral[c] += rgb[c] * l->grain.row_sr[y];
     }
-    l->luminance = image->channels == 1 ? l->info.integral[0]
-                 : 0.2126 * l->info.integral[0] + 0.7152 * l->info.integral[1]
-                 + 0.0722 * l->info.integral[2];
+    l->luminance = envsamp__luminance(l->info.integral, image->channels);
 }
 
 /* The light of the k-th of `count` samples in a texel, where steps of a golden ratio put them. */

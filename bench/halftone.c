@@ -114,12 +114,7 @@ static void make_rectangles(subject *s)
 /* Bad pixels count as a build counts them: they are mended once here. */
 static int subject_make(subject *s)
 {
-    const size_t floats = (size_t)s->map.width * (size_t)s->map.height * 3;
-    size_t i;
-
-    for (i = 0; i < floats; i++)
-        if (!(s->map.rgb[i] > 0.0f && s->map.rgb[i] <= FLT_MAX))
-            s->map.rgb[i] = 0.0f;
+    image_clean(&s->map);
     s->view = kd_image(s->map.rgb, s->map.width, s->map.height, 3);
     make_importance(s);
     make_rectangles(s);

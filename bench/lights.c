@@ -210,12 +210,9 @@ static int subject_make(subject *s, const scene *view)
 {
     const size_t texels = (size_t)s->map.width * (size_t)s->map.height;
     double total = 0.0;
-    size_t i;
     int x, y;
 
-    for (i = 0; i < 3 * texels; i++)
-        if (!(s->map.rgb[i] > 0.0f && s->map.rgb[i] <= FLT_MAX))
-            s->map.rgb[i] = 0.0f;
+    image_clean(&s->map);
     s->view = kd_image(s->map.rgb, s->map.width, s->map.height, 3);
     s->scratch.bytes = (size_t)16 << 20;
     s->scratch.data = kd_allocate(s->scratch.bytes);

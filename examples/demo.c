@@ -8,6 +8,7 @@
 #include "../envsamp.h"
 
 #include "../bench/baselines.h"
+#include "common/folder.h"
 #include "common/image.h"
 #include "common/irradiance.h"
 #include "common/map_pictures.h"
@@ -20,15 +21,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-
-#ifdef _WIN32
-#include <direct.h>
-#define MAKE_FOLDER(path) _mkdir(path)
-#else
-#include <sys/stat.h>
-#include <sys/types.h>
-#define MAKE_FOLDER(path) mkdir(path, 0777)
-#endif
 
 #define MAP_WIDTH 2048
 #define MAP_HEIGHT 1024

@@ -12,20 +12,13 @@
 
 enum { PUBLISHED, RANDOM, HALFTONE, MEDIAN_CUT, VARIANCE_CUT, RELAXED, METHOD_COUNT };
 
+#include "folder.h"
 #include "irradiance.h"
 #include "map_pictures.h"
 #include "maps.h"
 
 #define SPHERE_SAMPLERS METHOD_COUNT
 #include "spheres.h"
-
-#ifdef _WIN32
-#include <direct.h>
-#define MAKE_FOLDER(path) _mkdir(path)
-#else
-#include <sys/stat.h>
-#define MAKE_FOLDER(path) mkdir(path, 0777)
-#endif
 
 #define MADE_WIDTH 512
 #define MADE_HEIGHT 256
@@ -267,17 +260,6 @@ static int draw_gallery(const gallery *g)
 
 /* ---- one map ---- */
 
-/* What a build takes for black is black to everything here. */
-static void clean(image *map)
-{
-    const size_t count = (size_t)map->width * (size_t)map->height * 3;
-    size_t i;
-
-    for (i = 0; i < count; i++)
-        if (!(map->rgb[i] > 0.0f && map->rgb[i] <= FLT_MAX))
-            map->rgb[i] = 0.0f;
-}
-
 static int make_all(gallery *g)
 {
     envsamp_result result = make_published(g, g->lights[PUBLISHED]);
@@ -298,7 +280,7 @@ static int do_map(gallery *g)
 {
     int method, ok;
 
-    clean(&g->map);
+    image_clean(&g->map);
     memset(&g->view, 0, sizeof g->view);
     g->view.pixels = g->map.rgb;
     g->view.width = g->map.width;

@@ -34,6 +34,7 @@
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
+#include "common/folder.h"
 #include "common/maps.h"
 #include "common/picture.h"
 #include "common/product_scene.h"
@@ -44,15 +45,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-
-#ifdef _WIN32
-#include <direct.h>
-#define MAKE_FOLDER(path) _mkdir(path)
-#else
-#include <sys/stat.h>
-#include <sys/types.h>
-#define MAKE_FOLDER(path) mkdir(path, 0777)
-#endif
 
 #define RAYS 32                      /* M: traced for a pixel, by every method */
 #define SIDE DOME_SIDE               /* of an importance map */
@@ -759,17 +751,6 @@ static int write_picture(const trial *t, shading *s, const char *folder, char *e
     return good;
 }
 
-/* As a build of a table does: what is negative, infinite or NaN is black. */
-static void clean(image *map)
-{
-    const size_t count = (size_t)map->width * (size_t)map->height * 3;
-    size_t i;
-
-    for (i = 0; i < count; i++)
-        if (!(map->rgb[i] > 0.0f && map->rgb[i] <= FLT_MAX))
-            map->rgb[i] = 0.0f;
-}
-
 /* Returns 0, with the reason in `error`, where there is nothing to tell; *well becomes whether the
    bounds of -q are met. */
 static int try_map(const options *o, image *map, int *well, char *error, size_t size)
@@ -782,7 +763,7 @@ static int try_map(const options *o, image *map, int *well, char *error, size_t 
     t.width = o->quick ? 48 : 176;
     t.height = o->quick ? 28 : 102;
     t.runs = o->quick ? 4 : 1;
-    clean(map);
+    image_clean(map);
     if (map->width == 2 * map->height)
         wrong = shading_make(&s, map);
     if (!wrong && !(trial_alloc(&t) && trial_run(&t, &s)))

@@ -319,14 +319,13 @@ static int *path_make(const chart *c)
 /* Whether a chosen texel is one: in the map, above zero, of the right probability. */
 static int texel_sound(const envsamp_texel *t, const chart *c)
 {
-    double value;
+    double value, share;
 
     if (t->x < 0 || t->x >= c->width || t->y < 0 || t->y >= c->height)
         return 0;
     value = (double)c->value[t->y * c->width + t->x];
-    return value > 0.0
-        && t->probability > 0.0f
-        && fabs((double)t->probability - value / c->total) <= 1e-7 * value / c->total + 1.2e-38;
+    share = fmax(value / c->total, (double)FLT_MIN);    /* never 0, as it divides */
+    return value > 0.0 && fabs((double)t->probability - share) <= 1e-7 * share;
 }
 
 /* Whether a draw is in the order of the scan; so none is twice in it, but where that may be. */

@@ -8,6 +8,7 @@
 #include "../envsamp.h"
 
 #include "kd_reference.h"
+#include "lights_fixture.h"
 #include "statistics.h"
 #include "../examples/common/irradiance.h"
 #include "../examples/common/maps.h"
@@ -19,7 +20,6 @@
 #define ROUNDING 1e-6           /* relative, of a figure of one light */
 #define LEAST 1.5e-45           /* as far apart are floats below 1e-38 */
 #define WITHIN 4e-7             /* of a direction, each component */
-#define RUBBISH 0xc3
 
 static const char *const mapping_names[3] = { "lat-long", "hemisphere", "octahedral" };
 
@@ -50,57 +50,6 @@ static envsamp_lights_desc ask(const method *by, int count, uint32_t seed)
     desc.count = count;
     desc.seed = seed;
     return desc;
-}
-
-/* ---- a set of lights, in a buffer of just their number ---- */
-
-typedef struct light_set {
-    envsamp_image view;
-    envsamp_lights_desc desc;
-    envsamp_sizes sizes;
-    kd_guarded scratch, block;
-    envsamp_light *lights;
-    envsamp_lights_info info;
-    envsamp_result result;
-} light_set;
-
-/* Whether there are lights; s->result says why not. Free the set in either case. */
-static int set_make_over(light_set *s, const envsamp_image *view,
-                         const envsamp_lights_desc *desc, int rubbish)
-{
-    memset(s, 0, sizeof *s);
-    s->view = *view;
-    s->desc = *desc;
-    s->result = envsamp_lights_sizes(view, desc, &s->sizes);
-    s->scratch = kd_guarded_make(s->sizes.scratch_bytes, rubbish);
-    s->block = kd_guarded_make(s->result ? 0 : (size_t)desc->count * sizeof *s->lights, 0x5a);
-    s->lights = (envsamp_light *)s->block.buffer.data;
-    if (s->result == ENVSAMP_OK)
-        s->result = envsamp_lights(view, desc, s->lights, desc->count, s->scratch.buffer,
-                                   &s->info);
-    return s->result == ENVSAMP_OK;
-}
-
-static int set_make(light_set *s, const envsamp_image *view, const envsamp_lights_desc *desc)
-{
-    return set_make_over(s, view, desc, RUBBISH);
-}
-
-static int set_intact(const light_set *s)
-{
-    return kd_guarded_intact(&s->scratch) && kd_guarded_intact(&s->block);
-}
-
-static void set_free(light_set *s)
-{
-    free(s->scratch.block);
-    free(s->block.block);
-}
-
-static int sets_equal(const light_set *a, const light_set *b)
-{
-    return a->desc.count == b->desc.count
-        && !memcmp(a->lights, b->lights, (size_t)a->desc.count * sizeof *a->lights);
 }
 
 static double set_sum(const light_set *s, int channel)

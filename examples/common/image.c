@@ -5,6 +5,7 @@
 #include "exr.h"
 #endif
 
+#include <float.h>
 #include <errno.h>
 #include <math.h>
 #include <stdarg.h>
@@ -40,6 +41,16 @@ void image_free(image *map)
     free(map->rgb);
     map->rgb = NULL;
     map->width = map->height = 0;
+}
+
+void image_clean(image *map)
+{
+    const size_t count = (size_t)map->width * (size_t)map->height * 3;
+    size_t i;
+
+    for (i = 0; i < count; i++)
+        if (!(map->rgb[i] > 0.0f && map->rgb[i] <= FLT_MAX))
+            map->rgb[i] = 0.0f;
 }
 
 int image_fail(char *error, size_t error_size, const char *path, const char *format, ...)

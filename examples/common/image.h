@@ -30,6 +30,9 @@ int image_alloc(image *out, int width, int height);
 
 void image_free(image *map);
 
+/* What is no radiance becomes 0, channel by channel: negative, infinite, NaN. */
+void image_clean(image *map);
+
 /* Reads a PFM or an EXR file, told apart by its first bytes, not by its name. */
 int image_read(const char *path, image *out, char *error, size_t error_size);
 
