@@ -77,8 +77,9 @@ convergence: $(BUILD)/convergence  ## error of irradiance over the number of sam
 halftone: $(BUILD)/halftone  ## error diffusion: evenness, error of irradiance, counts, time
 	$(BUILD)/halftone
 
-scene: $(BUILD)/scene  ## a map as 16 to 64 lights, by every method, in a scene with shadows
+scene: $(BUILD)/scene $(BUILD)/light_sets  ## a map as 16 to 64 lights, by every method, in scenes
 	$(BUILD)/scene
+	$(BUILD)/light_sets
 
 data: setup $(BUILD)/exr_to_pfm  ## fetch 18 real maps into data/
 	sh examples/common/fetch_data.sh $(DATA) $(BUILD)/exr_to_pfm
@@ -137,6 +138,9 @@ $(BUILD)/halftone: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(B
 
 $(BUILD)/scene: bench/lights.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/lights.c bench/baselines.c $(COMMON) -lm -o $@
+
+$(BUILD)/light_sets: bench/light_sets.c $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) bench/light_sets.c $(COMMON) -lm -o $@
 
 $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/figures.c $(COMMON) -lm -o $@

@@ -10,7 +10,7 @@
 #define ENVSAMP_IMPLEMENTATION
 #include "envsamp.h"
 
-enum { PUBLISHED, RANDOM, HALFTONE, MEDIAN_CUT, VARIANCE_CUT, RELAXED, METHOD_COUNT };
+enum { RANDOM, PUBLISHED, HALFTONE, MEDIAN_CUT, VARIANCE_CUT, DECOMPOSED, RELAXED, METHOD_COUNT };
 
 #include "folder.h"
 #include "irradiance.h"
@@ -31,9 +31,10 @@ enum { PUBLISHED, RANDOM, HALFTONE, MEDIAN_CUT, VARIANCE_CUT, RELAXED, METHOD_CO
 
 /* The published scan of error diffusion has no method of its own. */
 static const struct { const char *name; envsamp_lights_method id; } methods[METHOD_COUNT] = {
-    {"AS PUBLISHED", ENVSAMP_LIGHTS_HALFTONE}, {"RANDOM", ENVSAMP_LIGHTS_RANDOM},
+    {"RANDOM", ENVSAMP_LIGHTS_RANDOM}, {"PUBLISHED HALFTONE", ENVSAMP_LIGHTS_HALFTONE},
     {"HALFTONE", ENVSAMP_LIGHTS_HALFTONE}, {"MEDIAN CUT", ENVSAMP_LIGHTS_MEDIAN_CUT},
-    {"VARIANCE CUT", ENVSAMP_LIGHTS_VARIANCE_CUT}, {"RELAXED", ENVSAMP_LIGHTS_RELAXED}
+    {"VARIANCE CUT", ENVSAMP_LIGHTS_VARIANCE_CUT}, {"DECOMPOSED", ENVSAMP_LIGHTS_DECOMPOSED},
+    {"RELAXED", ENVSAMP_LIGHTS_RELAXED}
 };
 
 typedef struct gallery {
@@ -262,11 +263,12 @@ static int draw_gallery(const gallery *g)
 
 static int make_all(gallery *g)
 {
-    envsamp_result result = make_published(g, g->lights[PUBLISHED]);
+    envsamp_result result = ENVSAMP_OK;
     int method;
 
-    for (method = RANDOM; method < METHOD_COUNT && result == ENVSAMP_OK; method++)
-        result = make_lights(g, methods[method].id, g->lights[method]);
+    for (method = 0; method < METHOD_COUNT && result == ENVSAMP_OK; method++)
+        result = method == PUBLISHED ? make_published(g, g->lights[method])
+                                     : make_lights(g, methods[method].id, g->lights[method]);
     if (result != ENVSAMP_OK)
         return fail(g->name, envsamp_result_string(result));
     if (!irradiance_make(&g->exact, &g->map))
@@ -289,7 +291,7 @@ static int do_map(gallery *g)
     ok = make_all(g);
     if (ok) {
         for (method = 0; method < METHOD_COUNT; method++)
-            printf("%-10s %4d lights, %-13s irradiance RMSE %.4f\n", g->name, g->count,
+            printf("%-10s %4d lights, %-18s irradiance RMSE %.4f\n", g->name, g->count,
                    methods[method].name, g->rmse[method]);
         shade_balls(g);
         MAKE_FOLDER(g->folder);         /* where it fails, so does the picture */

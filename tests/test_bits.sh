@@ -161,14 +161,16 @@ static void choose(envsamp_image map)
 {
     static envsamp_texel texels[200];
     static envsamp_light lights[200], turned[200];
+    static uint8_t mask[96 * 48];
     envsamp_halftone_desc halftone;
     envsamp_lights_desc desc = envsamp_lights_defaults();
     envsamp_lights_info info;
     envsamp_sizes sizes;
     envsamp_buffer scratch;
+    float threshold;
     int i, count;
 
-    scratch.data = malloc(scratch.bytes = 8 << 20);
+    scratch.data = malloc(scratch.bytes = 16 << 20);
     for (i = 0; i < 48; i++) {
         halftone.count = 1 + 4 * i;
         halftone.kernel = (envsamp_kernel)(i % 6);
@@ -180,17 +182,22 @@ static void choose(envsamp_image map)
             exit(1);
         add(texels, (size_t)count * sizeof *texels);
     }
-    for (i = 0; i < 45; i++) {
+    for (i = 0; i < 54; i++) {
         map.mapping = (envsamp_mapping)(i % 3);
         map.channels = i / 3 % 3 + 1 + (i / 3 % 3 > 0);
         map.width = 96 / map.channels;
-        desc.method = (envsamp_lights_method)(1 + i / 9);
-        desc.count = 3 + 4 * i;
+        desc.method = (envsamp_lights_method)(i / 9);
+        desc.count = 3 + 3 * i;
+        desc.percentile = i % 2 ? 0.5f : 0.98f;
+        desc.lambda = i % 2 ? 0.5f : 3.0f;
         desc.seed = (uint32_t)i;
         if (envsamp_lights_sizes(&map, &desc, &sizes)
             || envsamp_lights(&map, &desc, lights, 200, scratch, &info)
-            || envsamp_lights_interleave(lights, desc.count, i % 4, 4, 0.1f, 7, turned))
+            || envsamp_lights_interleave(lights, desc.count, i % 4, 4, 0.1f, 7, turned)
+            || envsamp_emissive_mask(&map, &desc, mask, scratch, &threshold))
             exit(1);
+        add(mask, (size_t)map.width * (size_t)map.height);
+        add(&threshold, sizeof threshold);
         add(lights, (size_t)desc.count * sizeof *lights);
         add(turned, (size_t)desc.count * sizeof *turned);
         add(info.integral, sizeof info.integral);

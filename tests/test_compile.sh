@@ -308,6 +308,7 @@ envsamp_lights_defaults ld (*p)(void)
 envsamp_lights_sizes re (*p)(const im *, const ld *, si *)
 envsamp_lights re (*p)(const im *, const ld *, li *, int, bu, in *)
 envsamp_lights_interleave re (*p)(const li *, int, int, int, float, uint32_t, li *)
+envsamp_emissive_mask re (*p)(const im *, const ld *, uint8_t *, bu, float *)
 envsamp_lm_scratch_bytes size_t (*p)(const envsamp_lm_desc *)
 envsamp_lm re (*p)(const envsamp_lm_desc *, envsamp_lm_fn, void *, double *, bu, envsamp_lm_info *)
 END

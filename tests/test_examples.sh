@@ -19,7 +19,7 @@ build/product "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
 report $? "product: a missing map: $(head -n 1 "$tmp/err" | sed "s#$tmp/##g")"
 build/lights -o "$tmp" -k 16 studio >"$tmp/out" && [ -s "$tmp/lights_studio.png" ]
 report $? "lights are drawn"
-[ "$(grep -cE '^studio +16 lights, .* RMSE [0-9.]+$' "$tmp/out")" = 6 ]
+[ "$(grep -cE '^studio +16 lights, .* RMSE [0-9.]+$' "$tmp/out")" = 7 ]
 report $? "with an error for each of six sets"
 build/lights -o "$tmp" "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
 [ $? = 1 ] && grep -qF missing.pfm "$tmp/err"

@@ -890,7 +890,8 @@ static canvas lamp_map(int count, int turn, envsamp_mapping mapping, cell sums[L
     return c;
 }
 
-/* Every lamp must have its light. The weights of RELAXED answer for the size of a lamp too. */
+/* Every lamp must have its light. The weights of RELAXED answer for the size of a lamp too, and its
+   light is a tenth of a texel from the middle at most. */
 static void test_lamps(int method, int count, int turn, envsamp_mapping mapping)
 {
     const envsamp_lights_desc desc = ask(method, count);
@@ -910,27 +911,28 @@ static void test_lamps(int method, int count, int turn, envsamp_mapping mapping)
         worst(&middle, off_middle(&s.lights[nearest], &sums[i]));
         worst(&energy, fabs(light_luminance(&s.lights[nearest]) / sums[i].luminance - 1.0));
     }
-    CHECK(middle <= 1e-6 && energy <= (method == RELAXED ? 0.05 : 1e-6), "%s, mapping %d: %d "
+    CHECK(middle <= (method == RELAXED ? 0.1 * KD_PI / 48.0 : 1e-6)
+          && energy <= (method == RELAXED ? 0.05 : 1e-6), "%s, mapping %d: %d "
           "lamps turned by %d columns have their lights, %.1e rad and %.1e of energy off",
           method_names[method], (int)mapping, count, turn, middle, energy);
     set_free(&s);
     free(c.pixels);
 }
 
-/* One light stands at the centroid of the map; of its pieces, which are some texels each and of one
-   direction, with RELAXED. */
+/* One light stands at the centroid of the map; of RELAXED without rounds. */
 static void test_one(void)
 {
     int mapping, method;
 
     for (method = 0; method < METHODS; method++)
         for (mapping = 0; mapping < 3; mapping++) {
-            const envsamp_lights_desc desc = ask(method, 1);
+            envsamp_lights_desc desc = ask(method, 1);
             canvas c = noise_map(40, 26, 8, 0.3f);
             light_set s;
             double off;
             grid g;
 
+            desc.refine_rounds = 0;
             c.view.mapping = (envsamp_mapping)mapping;
             g = grid_make(&c.view);
             set_make(&s, &c.view, &desc);
@@ -981,17 +983,18 @@ static void test_squares(int method, int width)
     free(c.pixels);
 }
 
-/* One light of a quarter of a map that has squares: errors of their middles cancel. Those of an
-   octahedral map shine from a texel next to their middles. */
+/* One light of a quarter of a map that has squares, of RELAXED without rounds: errors of their
+   middles cancel. Those of an octahedral map shine from a texel next to their middles. */
 static void test_even_squares(int method, int width, envsamp_mapping mapping)
 {
-    const envsamp_lights_desc desc = ask(method, 1);
+    envsamp_lights_desc desc = ask(method, 1);
     const double texel = 2.0 * KD_PI / (double)width;
     canvas c = canvas_make(width, width / 2, 1, 0);
     light_set s;
     double off;
     grid g;
 
+    desc.refine_rounds = 0;
     c.view.mapping = mapping;
     canvas_fill(&c, width / 7, width / 6, width / 3, width / 4, 1.0f);
     g = grid_make(&c.view);
@@ -1147,13 +1150,66 @@ static double off_minimum(const grid *g, const light_set *s)
     return off;
 }
 
+/* Adds what a light is pulled by something at `at`, or pushed if its weight is below zero. */
+static void add_pull(const double dir[3], const double at[3], double weight, double pull[3])
+{
+    const double away = distance(dir, at);
+    int c;
+
+    for (c = 0; c < 3 && away > 1e-6; c++)
+        pull[c] += weight * (at[c] - dir[c]) / away;
+}
+
+/* How far lights are from where the map's pull and the push of the other lights are one, along the
+   sphere, relative to the pull of all light at one place; the mean of all lights by their light. */
+static double off_rest(const grid *g, const light_set *s)
+{
+    const int texels = g->view.width * g->view.height;
+    double off = 0.0;
+    int i, k, c;
+
+    for (k = 0; k < s->desc.count; k++) {
+        double dir[3], at[3], pull[3] = { 0.0, 0.0, 0.0 }, along;
+
+        dir_of(&s->lights[k], dir);
+        for (i = 0; i < texels; i++) {
+            for (c = 0; c < 3 && g->cells[i].luminance > 0.0; c++)
+                at[c] = g->cells[i].v[c] / g->cells[i].luminance;
+            if (g->cells[i].luminance > 0.0)
+                add_pull(dir, at, g->cells[i].luminance, pull);
+        }
+        for (i = 0; i < s->desc.count; i++) {
+            dir_of(&s->lights[i], at);
+            add_pull(dir, at, -light_luminance(&s->lights[i]), pull);
+        }
+        along = dot(pull, dir);
+        for (c = 0; c < 3; c++)
+            pull[c] -= along * dir[c];
+        off += sqrt(dot(pull, pull)) / g->total.luminance / s->desc.count;
+    }
+    return off;
+}
+
+static double off_rest_after(const grid *g, int rounds)
+{
+    envsamp_lights_desc desc = ask(RELAXED, 8);
+    light_set s;
+    double off;
+
+    desc.refine_rounds = rounds;
+    set_make(&s, &g->view, &desc);
+    off = off_rest(g, &s);
+    set_free(&s);
+    return off;
+}
+
 static void test_stars(envsamp_mapping mapping, uint64_t seed)
 {
     enum { COUNT = 8 };
     const envsamp_lights_desc desc = ask(RELAXED, COUNT);
     canvas c = stars_map(mapping, seed);
     grid g = grid_make(&c.view);
-    double middle = 0.0, cone = 0.0, minimum, moved;
+    double cone = 0.0, minimum, moved, off[3];
     cell parts[COUNT];
     light_set s;
     int i, small = 0;
@@ -1163,13 +1219,15 @@ static void test_stars(envsamp_mapping mapping, uint64_t seed)
     for (i = 0; i < COUNT; i++) {
         const double r = sqrt(dot(parts[i].v, parts[i].v)) / parts[i].luminance;
 
-        worst(&middle, off_middle(&s.lights[i], &parts[i]));
         worst(&cone, fabs((double)s.lights[i].cos_extent - (2.0 * r - 1.0)));
         small += (double)s.lights[i].solid_angle < parts[i].sr * (1.0 - 1e-5);
     }
-    CHECK(middle <= 2e-6 && cone <= 1e-6 && small == 0, "RELAXED, mapping %d, %d stars: lights "
-          "are centroids of the nearest, %.1e rad off, cones %.1e", (int)mapping, g.lit, middle,
-          cone);
+    off[0] = off_rest_after(&g, 0);
+    off[1] = off_rest_after(&g, 64);
+    off[2] = off_rest_after(&g, 1000);
+    CHECK(cone <= 1e-6 && small == 0 && off[1] <= 0.2 * off[0] && off[2] <= 0.2 * off[0],
+          "RELAXED, mapping %d, %d stars: cones %.1e; pulls without rounds %.1e, with 64 %.1e, "
+          "with 1000 %.1e", (int)mapping, g.lit, cone, off[0], off[1], off[2]);
     minimum = off_minimum(&g, &s);
     take_sums(&s, parts);
     moved = off_minimum(&g, &s);
@@ -1180,31 +1238,91 @@ static void test_stars(envsamp_mapping mapping, uint64_t seed)
     free(c.pixels);
 }
 
-/* Without rounds every light stands at the centroid of what is nearest to HALFTONE's, in order. */
+/* ---- RELAXED: its start ---- */
+
+typedef struct part { int x0, y0, x1, y1; cell sum; } part;
+
+static part part_make(const grid *g, int x0, int y0, int x1, int y1)
+{
+    part p;
+
+    p.x0 = x0;
+    p.y0 = y0;
+    p.x1 = x1;
+    p.y1 = y1;
+    p.sum = grid_sum(g, x0, y0, x1, y1);
+    return p;
+}
+
+/* Halves a part across its longer side on the sphere, in half turns and along its middle row; 1 if
+   both halves are lit, else it becomes the one that is. */
+static int halve_part(const grid *g, part *p, part *rest)
+{
+    const double height = g->view.height, middle = 0.5 * (p->y0 + p->y1) / height;
+    const double polar = g->view.mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0;
+    const double level = g->view.mapping == ENVSAMP_OCTAHEDRAL ? 0.5 : sin(KD_PI * polar * middle);
+    const double across = 2.0 * level * (p->x1 - p->x0) / g->view.width;
+    const double down = polar * (p->y1 - p->y0) / height;
+    const int wide = p->y1 - p->y0 == 1 || (p->x1 - p->x0 > 1 && across >= down);
+    const int x = (p->x0 + p->x1) / 2, y = (p->y0 + p->y1) / 2;
+
+    *rest = wide ? part_make(g, x, p->y0, p->x1, p->y1) : part_make(g, p->x0, y, p->x1, p->y1);
+    *p = wide ? part_make(g, p->x0, p->y0, x, p->y1) : part_make(g, p->x0, p->y0, p->x1, y);
+    if (p->sum.luminance > 0.0 && rest->sum.luminance > 0.0)
+        return 1;
+    if (rest->sum.luminance > 0.0)
+        *p = *rest;
+    return 0;
+}
+
+/* Makes a set that stands at the centroids of halves, the brightest first. */
+static void halves_of(const grid *g, light_set *s, int count)
+{
+    part *parts = (part *)kd_allocate((size_t)count * sizeof *parts);
+    int made = 1, i, c;
+
+    parts[0] = part_make(g, 0, 0, g->view.width, g->view.height);
+    while (made < count) {
+        int at = -1;
+
+        for (i = 0; i < made; i++)
+            if ((parts[i].x1 - parts[i].x0 > 1 || parts[i].y1 - parts[i].y0 > 1)
+                && (at < 0 || parts[i].sum.luminance > parts[at].sum.luminance))
+                at = i;
+        made += halve_part(g, &parts[at], &parts[made]);
+    }
+    for (i = 0; i < count; i++)
+        for (c = 0; c < 3; c++)
+            s->lights[i].dir[c] = (float)(parts[i].sum.v[c] / sqrt(dot(parts[i].sum.v,
+                                                                       parts[i].sum.v)));
+    free(parts);
+}
+
+/* Without rounds every light stands at the centroid of what is nearest to the start, in order. */
 static void test_no_rounds(envsamp_mapping mapping, uint64_t seed)
 {
     enum { COUNT = 8 };
-    const envsamp_lights_desc start = ask_other(ENVSAMP_LIGHTS_HALFTONE, COUNT, 0);
     envsamp_lights_desc desc = ask(RELAXED, COUNT);
     canvas c = stars_map(mapping, seed);
     grid g = grid_make(&c.view);
-    light_set halftone, s, again;
+    light_set start, s, again;
     double middle = 0.0, minimum;
     cell parts[COUNT];
     int i;
 
     desc.refine_rounds = 0;
-    set_make(&halftone, &c.view, &start);
+    set_make(&start, &c.view, &desc);
     set_make_over(&s, &c.view, &desc, 0xff);
     set_make_over(&again, &c.view, &desc, 0x11);
-    voronoi(&g, &halftone, parts);
+    halves_of(&g, &start, COUNT);
+    voronoi(&g, &start, parts);
     for (i = 0; i < COUNT; i++)
         worst(&middle, off_middle(&s.lights[i], &parts[i]));
     minimum = off_minimum(&g, &s);
     CHECK(middle <= 2e-6 && minimum <= 1e-6 && sets_equal(&s, &again), "RELAXED, mapping %d, no "
-          "rounds: lights are centroids of HALFTONE's parts, %.1e rad off, slopes differ by %.1e",
-          (int)mapping, middle, minimum);
-    set_free(&halftone);
+          "rounds: lights are centroids of what is nearest to halves, %.1e rad off, slopes differ "
+          "by %.1e", (int)mapping, middle, minimum);
+    set_free(&start);
     set_free(&s);
     set_free(&again);
     free(g.cells);
@@ -1993,8 +2111,7 @@ static void test_same(int method)
     set_make(&d, &view, &other);
     CHECK(sets_equal(&a, &b) && sets_equal(&a, &c), "%s: the same bytes, whatever was in scratch "
           "and in the fields for DECOMPOSED", method_names[method]);
-    CHECK(sets_equal(&a, &d) == (method != RELAXED), "%s: a seed is %s", method_names[method],
-          method == RELAXED ? "another start" : "ignored");
+    CHECK(sets_equal(&a, &d), "%s: a seed is ignored", method_names[method]);
     set_free(&a);
     set_free(&b);
     set_free(&c);
@@ -2107,9 +2224,19 @@ static void test_memory(int method)
     free(c.pixels);
 }
 
-/* As the header says: cuts 6 MB, 3 for maps twice as wide as high, and 40 bytes a light; RELAXED
-   1 MB, 6 KB a light, of these 3 MB at most, and 44 bytes a light, beside what HALFTONE takes. Both
-   16 bytes a column and 24 a row. A tenth more is allowed. */
+/* Bytes, or infinitely many if sizes fail. */
+static double scratch_of(const envsamp_image *view, envsamp_lights_method method, int count)
+{
+    const envsamp_lights_desc desc = ask_other(method, count, 0);
+    envsamp_sizes sizes;
+
+    return envsamp_lights_sizes(view, &desc, &sizes) ? HUGE_VAL : (double)sizes.scratch_bytes;
+}
+
+/* As the header says: cuts 6 MB, 3 for maps twice as wide as high, and 56 bytes a light; RELAXED
+   1 MB, 7 KB a light, of these 4 MB at most, and 140 bytes a light, beside what HALFTONE takes. Both
+   16 bytes a column and 24 a row. DECOMPOSED: these, 2 MB and 5 bytes a texel. A tenth more is
+   allowed. */
 static void test_scratch(void)
 {
     static const int shapes[6][3] = { { 1, 1, 1 }, { 2048, 1024, 32 }, { 8192, 4096, 64 },
@@ -2119,23 +2246,25 @@ static void test_scratch(void)
 
     for (i = 0; i < 6; i++) {
         const envsamp_image view = kd_image(NULL, shapes[i][0], shapes[i][1], 3);
-        const envsamp_lights_desc cuts = ask(MEDIAN, shapes[i][2]);
-        const envsamp_lights_desc relaxed = ask(RELAXED, shapes[i][2]);
-        const envsamp_lights_desc plain = ask_other(ENVSAMP_LIGHTS_HALFTONE, shapes[i][2], 0);
         const double count = (double)shapes[i][2], mega = 1048576.0;
+        const double texels = (double)shapes[i][0] * (double)shapes[i][1];
         const double sides = 16.0 * shapes[i][0] + 24.0 * shapes[i][1];
-        envsamp_sizes sizes, halftone;
+        const double cuts = (shapes[i][0] > shapes[i][1] ? 3.0 : 6.0) * mega + 56.0 * count + sides;
+        const double relaxed = fmin(7168.0 * count, 4.0 * mega) + mega + 140.0 * count + sides
+                             + scratch_of(&view, ENVSAMP_LIGHTS_HALFTONE, shapes[i][2]);
 
-        right += envsamp_lights_sizes(&view, &cuts, &sizes) == ENVSAMP_OK
-              && (double)sizes.scratch_bytes <= 1.1 * ((shapes[i][0] > shapes[i][1] ? 3.0 : 6.0)
-                                                       * mega + 40.0 * count + sides);
-        right += envsamp_lights_sizes(&view, &plain, &halftone) == ENVSAMP_OK
-              && envsamp_lights_sizes(&view, &relaxed, &sizes) == ENVSAMP_OK
-              && (double)sizes.scratch_bytes <= 1.1 * (fmin(6144.0 * count, 3.0 * mega) + mega
-                                                       + (double)halftone.scratch_bytes + sides
-                                                       + 44.0 * count);
+        right += scratch_of(&view, ENVSAMP_LIGHTS_VARIANCE_CUT, shapes[i][2]) <= 1.1 * cuts;
+        right += scratch_of(&view, ENVSAMP_LIGHTS_RELAXED, shapes[i][2]) <= 1.1 * relaxed;
+        right += scratch_of(&view, ENVSAMP_LIGHTS_DECOMPOSED, shapes[i][2])
+              <= 1.1 * (cuts + relaxed + 2.0 * mega + 5.0 * texels);
     }
-    CHECK(right == 12, "%d of 12 scratch sizes are as small as said", right);
+    CHECK(right == 18, "%d of 18 scratch sizes are as small as said", right);
+    for (i = right = 0; i <= ENVSAMP_LIGHTS_RELAXED; i++) {
+        const envsamp_image view = kd_image(NULL, 1024, 512, 3);
+
+        right += scratch_of(&view, (envsamp_lights_method)i, 32) <= 24.0 * 1024.0 * 512.0;
+    }
+    CHECK(right == 6, "%d of 6 methods take 24 bytes a texel at most, at 1024x512", right);
 }
 
 static void test_arguments(void)
