@@ -680,8 +680,10 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
 
 /* Set `set` of `set_count` matched sets, of which every pixel of a small tile takes another
    (interleaved sampling): edges of shadows become a fine pattern that a filter removes. Each light
-   is turned within `extent`, 0.1 say, of the angle of its own cone; the places that it takes in all
-   sets cover that disc evenly, on a spiral, and its energy is the same in all.
+   is turned within `extent`, 0..1, of the angle of its own cone; the places that it takes in all
+   sets cover that disc evenly, on a spiral, and its energy is the same in all. [18] has 0.1. The
+   mean of 8 sets of 32 lights of RELAXED errs less in a scene with shadows by 7 % at 0.1, 43 at 0.5
+   and 51 at 1, by independent turns 6, 27 and 12 %; what is left to filter is 2, 5 and 9 %.
    out: `count` lights, may be `lights`. Returns ENVSAMP_ERR_NULL or _PARAM. */
 ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights, int count,
                                                      int set, int set_count, float extent,
@@ -8321,7 +8323,8 @@ typedef struct envsamp__relaxation {
     int count, most;
     envsamp__points *points;    /* the pieces again, for loops over many of them */
     int point_groups;
-    envsamp__square *sum;       /* of every light, over its pieces */
+    envsamp__square *sum;       /* of every light, over its pieces, */
+    int *held;                  /* and how many it has */
     float *axis, *was, *next;   /* count of lights x 3: their directions, before and after a step */
     double *pull;               /* count of lights x 4: see envsamp__pull_light */
     double *weight;             /* of each light, while they move */
@@ -8346,6 +8349,7 @@ static void envsamp__relaxation_carve(envsamp__relaxation *r, const envsamp_imag
     most = ((uint64_t)r->most + ENVSAMP__POINTS - 1) / ENVSAMP__POINTS;
     r->points = (envsamp__points *)envsamp__take(arena, most, sizeof(envsamp__points));
     r->sum = (envsamp__square *)envsamp__take(arena, (uint64_t)lights, sizeof(envsamp__square));
+    r->held = (int *)envsamp__take(arena, (uint64_t)lights, sizeof(int));
     r->pull = (double *)envsamp__take(arena, 4 * (uint64_t)lights, sizeof(double));
     r->weight = (double *)envsamp__take(arena, (uint64_t)lights, sizeof(double));
     r->axis = (float *)envsamp__take(arena, 3 * (uint64_t)lights, sizeof(float));
@@ -8506,8 +8510,9 @@ static int envsamp__assign_pieces(envsamp__relaxation *r)
     return moved;
 }
 
-/* The piece that is worst off with its light: most luminance, farthest away. */
-static int envsamp__worst_piece(const envsamp__relaxation *r)
+/* The piece that is worst off with its light, most luminance, farthest away, of those that are not
+   alone with it. */
+static envsamp__piece *envsamp__worst_piece(const envsamp__relaxation *r)
 {
     double worst = -1.0;
     int at = 0, i;
@@ -8517,32 +8522,43 @@ static int envsamp__worst_piece(const envsamp__relaxation *r)
         const float *axis = r->axis + 3 * p->light;
         double cosine = (double)(p->dir[0] * axis[0] + p->dir[1] * axis[1] + p->dir[2] * axis[2]);
 
-        if (p->sum.luminance * (1.0 - cosine) > worst) {
+        if (r->held[p->light] > 1 && p->sum.luminance * (1.0 - cosine) > worst) {
             worst = p->sum.luminance * (1.0 - cosine);
             at = i;
         }
     }
-    return at;
+    return &r->pieces[at];
 }
 
-/* Sums over the pieces of every light; one that has none goes to the worst piece. Returns how many
-   went. */
-static int envsamp__sum_pieces(envsamp__relaxation *r)
+/* Gives each light that has no piece the worst one, and lets it stand there. There are no fewer
+   pieces than lights. */
+static void envsamp__feed_lights(envsamp__relaxation *r)
 {
-    int moved = 0, i, k;
+    int i, k;
 
+    memset(r->held, 0, (size_t)r->lights * sizeof *r->held);
+    for (i = 0; i < r->count; i++)
+        r->held[r->pieces[i].light]++;
+    for (k = 0; k < r->lights; k++)
+        if (r->held[k] == 0) {
+            envsamp__piece *p = envsamp__worst_piece(r);
+
+            r->held[p->light]--;
+            r->held[k] = 1;
+            p->light = k;
+            memcpy(r->axis + 3 * k, p->dir, sizeof p->dir);
+        }
+}
+
+/* Sums over the pieces of every light. */
+static void envsamp__sum_pieces(envsamp__relaxation *r)
+{
+    int i;
+
+    envsamp__feed_lights(r);
     memset(r->sum, 0, (size_t)r->lights * sizeof *r->sum);
     for (i = 0; i < r->count; i++)
         envsamp__add_square(&r->pieces[i].sum, &r->sum[r->pieces[i].light]);
-    for (k = 0; k < r->lights; k++)
-        if (!(r->sum[k].luminance > 0.0)) {
-            envsamp__piece *p = &r->pieces[envsamp__worst_piece(r)];
-
-            memcpy(r->axis + 3 * k, p->dir, sizeof p->dir);
-            p->light = k;
-            moved++;
-        }
-    return moved;
 }
 
 /* Moves every light to the centroid of its pieces. */
@@ -8552,8 +8568,7 @@ static void envsamp__centre_lights(envsamp__relaxation *r)
 
     envsamp__sum_pieces(r);
     for (k = 0; k < r->lights; k++)
-        if (r->sum[k].luminance > 0.0)
-            envsamp__normalise(r->sum[k].v, r->axis + 3 * k);
+        envsamp__normalise(r->sum[k].v, r->axis + 3 * k);
 }
 
 /* Lloyd's relaxation, until no piece changes hands. */
@@ -8833,8 +8848,7 @@ static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double lumi
         envsamp__move_lights(r, rounds / 2);
         envsamp__assign_pieces(r);
     }
-    for (k = 0; k < r->lights && envsamp__sum_pieces(r); k++)
-        continue;
+    envsamp__sum_pieces(r);
     envsamp__fill_lights(r, lights);
     envsamp__weigh_lights(r, integral, lights);
     return 1;
@@ -9157,7 +9171,7 @@ static int envsamp__count_directs(const envsamp__decomposition *d)
     return envsamp__min(count, k - 1);
 }
 
-/* What may still be drawn of a square, and the texel where a sum of that reaches a target. */
+/* What may still be drawn of a square. `texel`, unless NULL: where the sum reaches a target. */
 static double envsamp__scan_square(const envsamp__decomposition *d, int square, double target,
                                    envsamp_texel *texel)
 {
@@ -9171,7 +9185,7 @@ static double envsamp__scan_square(const envsamp__decomposition *d, int square, 
         for (x = x0; x < x1; x++) {
             if (*envsamp__label_at(d, x, y) != ENVSAMP__EMISSIVE)
                 continue;
-            if (sum <= target) {
+            if (texel && sum <= target) {
                 texel->x = x;
                 texel->y = y;
             }
@@ -9186,7 +9200,6 @@ static int envsamp__draw_texel(envsamp__decomposition *d, double u, envsamp_texe
     const envsamp__squares *s = &d->direct->squares;
     int squares = s->across * s->down, i, at = -1;
     double total = 0.0, sum = 0.0, before = 0.0;
-    envsamp_texel first;
 
     for (i = 0; i < squares; i++)
         total += d->left[i];
@@ -9200,7 +9213,7 @@ static int envsamp__draw_texel(envsamp__decomposition *d, double u, envsamp_texe
         return 0;
     envsamp__scan_square(d, at, u * total - before, texel);
     *envsamp__label_at(d, texel->x, texel->y) = ENVSAMP__DRAWN;
-    d->left[at] = envsamp__scan_square(d, at, 0.0, &first);
+    d->left[at] = envsamp__scan_square(d, at, 0.0, NULL);
     return 1;
 }
 
@@ -9216,7 +9229,6 @@ static void envsamp__mask_square(envsamp__decomposition *d, int square, const do
     int x0 = square % s->across * s->side, y0 = square / s->across * s->side, x, y;
     int x1 = envsamp__min(x0 + s->side, s->image->width);
     int y1 = envsamp__min(y0 + s->side, s->image->height);
-    envsamp_texel first;
 
     for (y = y0; y < y1; y++)
         for (x = x0; x < x1; x++) {
@@ -9229,7 +9241,7 @@ static void envsamp__mask_square(envsamp__decomposition *d, int square, const do
             if (envsamp__dot(texel, dir) >= d->near_cosine)
                 *label = ENVSAMP__NEAR;
         }
-    d->left[square] = envsamp__scan_square(d, square, 0.0, &first);
+    d->left[square] = envsamp__scan_square(d, square, 0.0, NULL);
 }
 
 /* Masks the texels near one that was drawn. */
@@ -9255,7 +9267,6 @@ static void envsamp__unmask(envsamp__decomposition *d, int drawn)
     const envsamp__squares *s = &d->direct->squares;
     size_t texels = (size_t)s->image->width * (size_t)s->image->height, i;
     uint8_t *label = d->emission.labels;
-    envsamp_texel first;
     int square;
 
     for (i = 0; i < texels; i++)
@@ -9263,7 +9274,7 @@ static void envsamp__unmask(envsamp__decomposition *d, int drawn)
             label[i] = ENVSAMP__EMISSIVE;
     for (square = 0; square < s->across * s->down; square++)
         if (s->at[square].luminance > 0.0)
-            d->left[square] = envsamp__scan_square(d, square, 0.0, &first);
+            d->left[square] = envsamp__scan_square(d, square, 0.0, NULL);
 }
 
 /* Draws texels for so many lights, none twice; returns how many there are. When all are masked,
@@ -9385,8 +9396,7 @@ static int envsamp__make_directs(envsamp__decomposition *d, envsamp_light *light
         envsamp__normalise(dir, r->axis + 3 * k);
     }
     envsamp__relax(r, d->desc->refine_rounds);
-    for (k = 0; k < r->lights && envsamp__sum_pieces(r); k++)
-        continue;
+    envsamp__feed_lights(r);
     envsamp__place_directs(d);
     envsamp__fill_directs(d, lights);
     return r->lights;

@@ -1,6 +1,6 @@
-/* decomposed_reference.h: lights of DECOMPOSED made again by brute force over the texels, with libm:
- * the threshold of emissive texels by a sort, numbers of lights, k-means from where EnvDirects are
- * drawn, and EnvIndirects by halving rectangles.
+/* decomposed_reference.h: lights of DECOMPOSED made again by brute force over the texels, with
+ * libm: the threshold of emissive texels by a sort, numbers of lights, k-means from where they are
+ * drawn, and EnvIndirects by halving rectangles; and the judge of every set.
  *
  *     emission e = emission_make(&view, &desc);
  *     swarm w = swarm_make(&e, &desc, mask);        EnvDirects: w.sum, w.at
@@ -12,6 +12,7 @@
 #ifndef DECOMPOSED_REFERENCE_H
 #define DECOMPOSED_REFERENCE_H
 
+#include "check.h"
 #include "lights_map.h"
 
 static inline envsamp_lights_desc ask(int count)
@@ -65,8 +66,8 @@ static inline ranking ranking_make(const envsamp_image *view)
         for (x = 0; x < view->width; x++, i++) {
             r.texels[i].luminance = texel_luminance(view, x, y);
             r.texels[i].sr = row_sr(view, y);
-            sr += r.texels[i].sr;
-            light += r.texels[i].sr * (long double)r.texels[i].luminance;
+            sr += (long double)r.texels[i].sr;
+            light += (long double)r.texels[i].sr * (long double)r.texels[i].luminance;
         }
     qsort(r.texels, (size_t)r.count, sizeof *r.texels, by_luminance);
     r.least = r.texels[0].luminance;
@@ -82,7 +83,8 @@ static inline float to_float(double value)
 }
 
 /* L_T. What is compared may be off by 1e-12, up or down: `slack`. */
-static inline float ranked_threshold(const ranking *r, const envsamp_lights_desc *desc, double slack)
+static inline float ranked_threshold(const ranking *r, const envsamp_lights_desc *desc,
+                                     double slack)
 {
     const double target = (double)desc->percentile * r->sr;
     const double limit = fmax((double)desc->lambda * r->mean,
@@ -91,9 +93,9 @@ static inline float ranked_threshold(const ranking *r, const envsamp_lights_desc
     float bound = 0.0f;
     int i;
 
-    for (i = 0; i < r->count && target > 0.0 && sum < target + slack * r->sr; i++) {
+    for (i = 0; i < r->count && target > 0.0 && (double)sum < target + slack * r->sr; i++) {
         bound = r->texels[i].luminance;
-        sum += r->texels[i].sr;
+        sum += (long double)r->texels[i].sr;
     }
     return fmaxf(bound, to_float(limit * (1.0 + slack)));
 }
@@ -102,7 +104,7 @@ static inline float ranked_threshold(const ranking *r, const envsamp_lights_desc
 
 /* The scratch of any DECOMPOSED will do. */
 static inline envsamp_result mask_make(const envsamp_image *view, const envsamp_lights_desc *desc,
-                                int rubbish, uint8_t *mask, float *threshold)
+                                       int rubbish, uint8_t *mask, float *threshold)
 {
     const envsamp_lights_desc one = ask(1);
     envsamp_sizes sizes;
@@ -218,6 +220,109 @@ static inline int texel_under(const emission *e, const envsamp_light *l)
         }
     }
     return at >= 0 && distance(e->dir[at], dir) <= 1e-6 ? at : -1;
+}
+
+/* ---- what every set must be ---- */
+
+/* What is wrong with EnvDirects. */
+typedef struct direct_tally {
+    verdict v;
+    int thresholds, budgets, bright, far, off, shared, directs;
+} direct_tally;
+
+/* Of emissive texels that a light may stand for. */
+static inline cell within(const emission *e, int at, double cosine)
+{
+    cell sum;
+    int i;
+
+    memset(&sum, 0, sizeof sum);
+    for (i = 0; i < e->count; i++)
+        if (dot(e->dir[e->texel[i]], e->dir[at]) >= cosine - 1e-9)
+            add_cell(&sum, &e->g.cells[e->texel[i]]);
+    return sum;
+}
+
+static inline int exceeds(const envsamp_light *l, const cell *sum)
+{
+    int c, more = (double)l->solid_angle > sum->sr * (1.0 + ENERGY);
+
+    for (c = 0; c < 3; c++)
+        more |= (double)l->irradiance[c] > sum->rgb[c] * (1.0 + ENERGY) + LEAST;
+    return more;
+}
+
+/* Where it is crowded several may share a texel. */
+static inline void judge_directs(const light_set *s, const emission *e, int crowded,
+                                 direct_tally *t)
+{
+    const double reach = far_cosine(e, &s->desc);
+    uint8_t *taken = (uint8_t *)kd_allocate((size_t)e->g.view.width * (size_t)e->g.view.height);
+    cell all, sum;
+    int i, c;
+
+    memset(&sum, 0, sizeof sum);
+    memset(&all, 0, sizeof all);
+    for (i = 0; i < e->count; i++)
+        add_cell(&all, &e->g.cells[e->texel[i]]);
+    for (i = 0; i < s->info.direct_count; i++) {
+        const envsamp_light *l = &s->lights[i];
+        const int at = texel_under(e, l);
+
+        sum.sr += (double)l->solid_angle;
+        for (c = 0; c < 3; c++)
+            sum.rgb[c] += (double)l->irradiance[c];
+        t->off += at < 0;
+        if (at >= 0) {
+            const cell there = within(e, at, reach);
+
+            t->far += exceeds(l, &there);
+            t->shared += taken[at] && !crowded;
+            taken[at] = 1;
+        }
+        t->directs++;
+    }
+    for (c = 0; c < 3; c++)
+        t->bright += sum.rgb[c] > all.rgb[c] * (1.0 + ENERGY) + LEAST * s->desc.count;
+    t->bright += sum.sr > all.sr * (1.0 + ENERGY);
+    free(taken);
+}
+
+static inline void judge_made(const light_set *s, const emission *e, direct_tally *t)
+{
+    const int crowded = !(e->light[0] > 0.0) && s->desc.count > e->count;
+
+    if (s->result == ENVSAMP_OK) {
+        t->thresholds += memcmp(&s->info.threshold, &e->threshold, sizeof e->threshold) != 0;
+        t->budgets += !budget_right(e, s->desc.count, s->info.direct_count);
+        judge_directs(s, e, crowded, t);
+    }
+    judge_set(s, &e->g, &t->v);
+}
+
+static inline void judge(const emission *e, const envsamp_lights_desc *desc, direct_tally *t)
+{
+    light_set s;
+
+    set_make(&s, &e->g.view, desc);
+    judge_made(&s, e, t);
+    set_free(&s);
+}
+
+static inline int tally_good(const direct_tally *t)
+{
+    return verdict_good(&t->v) && !t->thresholds && !t->budgets && !t->bright && !t->far
+        && !t->off && !t->shared;
+}
+
+static inline void check_tally(const char *name, const direct_tally *t)
+{
+    CHECK(tally_good(t), "%s: %d of %d sets wrong, %d fill too much, energy %.1e, integral %.1e "
+          "off, %d of %d lights wrong, flags %d; %d thresholds, %d numbers of EnvDirects; of %d "
+          "%d are not on emissive texels, %d share one, %d stand for too much, sums of %d",
+          name, t->v.failed, t->v.sets, t->v.unfilled, t->v.energy, t->v.integral, t->v.wrong,
+          t->v.lights, t->v.flags, t->thresholds, t->budgets, t->directs, t->off, t->shared,
+          t->far, t->bright);
 }
 
 /* ---- k-means, made again from where lights are drawn ---- */
@@ -336,7 +441,8 @@ static inline swarm swarm_make(const emission *e, const envsamp_lights_desc *des
 
 /* How far a light is from what it must be for a sum over texels, a share of it, and a place; NULL:
    the centroid. */
-static inline double off_cell(const envsamp_light *l, const cell *sum, double share, const double *at)
+static inline double off_cell(const envsamp_light *l, const cell *sum, double share,
+                              const double *at)
 {
     double middle[3], dir[3], length, off;
     int c;
@@ -469,8 +575,8 @@ static inline int next_box(const box *boxes, int made, const double scale[3], do
 /* Returns how many boxes there are; copies add up to `wanted`. Terms are weighed anew after every
    cut. */
 static inline int reference_halves(const emission *e, const uint8_t *mask,
-                            const envsamp_lights_desc *desc, int wanted, box *boxes,
-                            double *margin)
+                                   const envsamp_lights_desc *desc, int wanted, box *boxes,
+                                   double *margin)
 {
     const double weights[3] = { (double)desc->weight_variance, (double)desc->weight_extent,
                                 (double)desc->weight_energy };
