@@ -8291,7 +8291,7 @@ static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *l
  *     - all with equal weights                      0.103   0.055   0.029 (without moves)
  *     - least squares over 2000 lobes with shadows  0.087   0.042   0.024 (without moves)
  *
- * A turn of the map by a degree moves lights by 0.11 of their cones' radii; from HALFTONE, which is
+ * A turn of the map by a degree moves lights by 0.12 of their cones' radii; from HALFTONE, which is
  * another at every turn, it is 0.33. Matching pursuit takes twice the time.
  */
 
@@ -8886,7 +8886,7 @@ static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double lumi
  *       that can be cut
  *     w = 1 0 0, the published illumination cut; the same      0.124   0.058   0.034
  *       with V = variance x solid angle                        0.175   0.113
- *     w = 0 1 2                                                0.111   0.051   0.027
+ *     w = 0 1 2                                                0.117   0.051   0.026
  */
 
 /* ---- emissive texels ---- */

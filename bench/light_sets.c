@@ -66,19 +66,7 @@ typedef struct results {
 
 /* ---- lights ---- */
 
-/* Whether this version of the library knows a method. */
-static int is_there(int method)
-{
-    static const float white[3] = { 1.0f, 1.0f, 1.0f };
-    const envsamp_image one = kd_image(white, 1, 1, 3);
-    envsamp_lights_desc desc = envsamp_lights_defaults();
-    envsamp_sizes sizes;
-
-    desc.method = methods[method].method;
-    return envsamp_lights_sizes(&one, &desc, &sizes) != ENVSAMP_ERR_PARAM;
-}
-
-/* A method that is there but makes no lights is an error that ends the program. */
+/* A method that makes no lights ends the program. */
 static void make_lights(const image *map, int method, int count, uint32_t seed,
                         envsamp_light *lights)
 {
@@ -424,7 +412,7 @@ static void measure_ways(const scene *view, const float *right, const envsamp_li
 
 /* ---- all of a map ---- */
 
-static void measure_map_lobes(const image *map, const int *there, results *all, int map_count)
+static void measure_map_lobes(const image *map, results *all, int map_count)
 {
     irradiance e;
     lobe_sums right;
@@ -433,11 +421,11 @@ static void measure_map_lobes(const image *map, const int *there, results *all, 
     irradiance_normals(&e);
     right = lobes_of_map(&e, map);
     for (m = 0; m < METHODS; m++)
-        for (k = 0; k < K_COUNT && there[m]; k++)
+        for (k = 0; k < K_COUNT; k++)
             measure_lobes(map, &right, &e, m, k, all, map_count);
 }
 
-static void measure_map_drift(const image *map, const int *there, results *all, int index)
+static void measure_map_drift(const image *map, results *all, int index)
 {
     image turned, still;
     int m, k;
@@ -445,7 +433,7 @@ static void measure_map_drift(const image *map, const int *there, results *all, 
     turn_map(map, TURN_DEGREES, &turned);
     turn_map(map, 0.0, &still);
     for (m = 0; m < METHODS; m++)
-        for (k = 0; k < K_COUNT && there[m]; k++) {
+        for (k = 0; k < K_COUNT; k++) {
             measure_drift(map, &turned, TURN_DEGREES, m, counts[k],
                           all->turned[m][k].ratio[index]);
             measure_drift(map, &still, 0.0, m, counts[k], all->still[m][k].ratio[index]);
@@ -454,7 +442,7 @@ static void measure_map_drift(const image *map, const int *there, results *all, 
     image_free(&still);
 }
 
-static void measure_map_sets(const image *map, const scene *view, const int *there, results *all,
+static void measure_map_sets(const image *map, const scene *view, results *all,
                              int map_count)
 {
     static float right[COLUMNS * ROWS];
@@ -465,7 +453,7 @@ static void measure_map_sets(const image *map, const scene *view, const int *the
     shade(view, beams, map_beams(map, beams), right);
     free(beams);
     for (m = 0; m < METHODS; m++)
-        if (there[m] && methods[m].interleaved) {
+        if (methods[m].interleaved) {
             make_lights(map, m, SET_LIGHTS, 0, lights);
             measure_ways(view, right, lights, all->sets[m], map_count);
         }
@@ -487,7 +475,7 @@ static double middle(double *values, int count)
     return 0.5 * (values[(count - 1) / 2] + values[count / 2]);
 }
 
-static void print_lobes(const map_set *set, const int *there, const results *all)
+static void print_lobes(const map_set *set, const results *all)
 {
     int m, l, k;
 
@@ -496,8 +484,6 @@ static void print_lobes(const map_set *set, const int *there, const results *all
            "| | diffuse, 16 | 32 | 64 | n = 8, 16 | 32 | 64 | n = 32, 16 | 32 | 64 |\n"
            "|---|---|---|---|---|---|---|---|---|---|\n", NORMALS, set->count, map_set_kind(set));
     for (m = 0; m < METHODS; m++) {
-        if (!there[m])
-            continue;
         printf("| %s |", methods[m].name);
         for (l = 0; l < LOBES; l++)
             for (k = 0; k < K_COUNT; k++)
@@ -529,20 +515,20 @@ static void print_drift(const map_set *set, const char *name, int count, drift *
            middle(every, set->count * count), mean, worst, map_set_name(set, worst_map), least);
 }
 
-static double greatest(const map_set *set, const int *there, results *all)
+static double greatest(const map_set *set, results *all)
 {
     double most = 0.0;
     int m, k, i, j;
 
     for (m = 0; m < METHODS; m++)
-        for (k = 0; k < K_COUNT && there[m]; k++)
+        for (k = 0; k < K_COUNT; k++)
             for (i = 0; i < set->count; i++)
                 for (j = 0; j < counts[k]; j++)
                     most = fmax(most, all->still[m][k].ratio[i][j]);
     return most;
 }
 
-static void print_stability(const map_set *set, const int *there, results *all)
+static void print_stability(const map_set *set, results *all)
 {
     int m, k;
 
@@ -551,9 +537,9 @@ static void print_stability(const map_set *set, const int *there, results *all)
            "| | lights | median | mean of maps | worst map | which | maps below 1/4 |\n"
            "|---|---|---|---|---|---|---|\n", TURN_DEGREES, set->count);
     for (m = 0; m < METHODS; m++)
-        for (k = 0; k < K_COUNT && there[m]; k++)
+        for (k = 0; k < K_COUNT; k++)
             print_drift(set, methods[m].name, counts[k], &all->turned[m][k]);
-    printf("\nWithout a turn, the largest of all lights: %g\n", greatest(set, there, all));
+    printf("\nWithout a turn, the largest of all lights: %g\n", greatest(set, all));
 }
 
 static void print_extents(void)
@@ -571,7 +557,7 @@ static void print_extents(void)
     printf("\n");
 }
 
-static void print_sets(const map_set *set, const int *there, results *all)
+static void print_sets(const map_set *set, results *all)
 {
     int m, what, way, i;
 
@@ -580,7 +566,7 @@ static void print_sets(const map_set *set, const int *there, results *all)
            SETS, SET_LIGHTS, set->count);
     print_extents();
     for (m = 0; m < METHODS; m++)
-        for (what = 0; what < 2 && there[m] && methods[m].interleaved; what++) {
+        for (what = 0; what < 2 && methods[m].interleaved; what++) {
             printf("| %s, %s |", methods[m].name, what ? "deviation" : "error");
             for (way = 0; way < WAYS; way++)
                 for (i = 0; i < (way == AS_THEY_ARE ? 1 : EXTENTS); i++)
@@ -595,10 +581,8 @@ int main(void)
     static scene view;
     static results all;
     const map_set set = map_set_find();
-    int there[METHODS], i, m;
+    int i;
 
-    for (m = 0; m < METHODS; m++)
-        there[m] = is_there(m);
     scene_make(&view);
     for (i = 0; i < set.count; i++) {
         image map;
@@ -606,16 +590,13 @@ int main(void)
         if (!map_set_load(&set, i, &map))
             return EXIT_FAILURE;
         image_clean(&map);
-        measure_map_lobes(&map, there, &all, set.count);
-        measure_map_drift(&map, there, &all, i);
-        measure_map_sets(&map, &view, there, &all, set.count);
+        measure_map_lobes(&map, &all, set.count);
+        measure_map_drift(&map, &all, i);
+        measure_map_sets(&map, &view, &all, set.count);
         image_free(&map);
     }
-    print_lobes(&set, there, &all);
-    print_stability(&set, there, &all);
-    print_sets(&set, there, &all);
-    for (m = 0; m < METHODS; m++)
-        if (!there[m])
-            printf("\n%s: not there\n", methods[m].name);
+    print_lobes(&set, &all);
+    print_stability(&set, &all);
+    print_sets(&set, &all);
     return EXIT_SUCCESS;
 }
