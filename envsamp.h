@@ -658,7 +658,8 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
    Cuts: where a rectangle cannot be cut, lights share its centroid. RELAXED: gives the lights of
    HALFTONE where the map has not twice as many parts with light as there are lights. DECOMPOSED:
    EnvDirects come first, each on an emissive texel of those that it stands for, and no two on one
-   unless all that is lit is emissive and there are more lights.
+   unless all that is lit is emissive and there are more lights than texels, or than 32768. Lights
+   brighter than FLT_MAX are clamped, and energy is lost.
    lights: `capacity` of them, K or more. info may be NULL.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY if `capacity` or scratch is too
      small, or _ALIGN; nothing is said of `lights` then.
@@ -9443,14 +9444,25 @@ static void envsamp__find_terms(const envsamp__cuts *cuts, envsamp__region *r)
     r->term[2] = sum[0];
 }
 
+/* Whether a square of a region has light: differences of sums would not tell. */
+static int envsamp__is_lit(const envsamp__cuts *cuts, const envsamp__region *r)
+{
+    int x, y;
+
+    for (y = r->y0; y < r->y1; y++)
+        for (x = r->x0; x < r->x1; x++)
+            if (cuts->squares.at[y * cuts->squares.across + x].luminance > 0.0)
+                return 1;
+    return 0;
+}
+
 /* Halves a region across its longer side; the other half becomes `rest`. Where one of them is black
    the region shrinks to the other. Returns 0 if it is a single square. */
 static int envsamp__halve_region(const envsamp__cuts *cuts, envsamp__region *r,
                                  envsamp__region *rest)
 {
-    double longer, whole[4], sum[4];
+    double longer;
 
-    envsamp__sum_below(cuts, r->x0, r->y0, r->x1, r->y1, whole);
     while (r->x1 - r->x0 > 1 || r->y1 - r->y0 > 1) {
         envsamp__region half = *r;
 
@@ -9460,14 +9472,8 @@ static int envsamp__halve_region(const envsamp__cuts *cuts, envsamp__region *r,
             half.x1 = rest->x0 = r->x0 + (r->x1 - r->x0) / 2;
         else
             half.y1 = rest->y0 = r->y0 + (r->y1 - r->y0) / 2;
-        envsamp__sum_below(cuts, half.x0, half.y0, half.x1, half.y1, sum);
-        if (sum[0] <= 1e-9 * whole[0]) {
-            *r = *rest;
-            continue;
-        }
-        *r = half;
-        envsamp__sum_below(cuts, rest->x0, rest->y0, rest->x1, rest->y1, sum);
-        if (sum[0] > 1e-9 * whole[0])
+        *r = envsamp__is_lit(cuts, &half) ? half : *rest;
+        if (r->x1 == half.x1 && r->y1 == half.y1 && envsamp__is_lit(cuts, rest))
             return 1;
     }
     return 0;

@@ -13,7 +13,7 @@
 #define DECOMPOSED_REFERENCE_H
 
 #include "check.h"
-#include "lights_map.h"
+#include "lights_judge.h"
 
 static inline envsamp_lights_desc ask(int count)
 {
@@ -612,6 +612,54 @@ static inline int odd_lights(const light_set *s, const box *boxes, int made)
         for (k = s->info.direct_count; k < s->desc.count; k++)
             right += off_cell(&s->lights[k], &boxes[i].sum, 1.0 / boxes[i].copies, NULL) <= SAME;
     return abs(s->desc.count - s->info.direct_count - right);
+}
+
+/* ---- lights made again ---- */
+
+/* Lights made again: how many were, were left to rounding, and differ. */
+typedef struct remake { int sets, left, directs, indirects, lights, given_back; } remake;
+
+static inline void remake_indirects(const light_set *s, const emission *e, const uint8_t *mask,
+                                    remake *r)
+{
+    const int wanted = s->desc.count - s->info.direct_count;
+    box *boxes = (box *)kd_allocate((size_t)(wanted + 1) * sizeof *boxes);
+    double margin = 1.0;
+    const int made = reference_halves(e, mask, &s->desc, wanted, boxes, &margin);
+
+    r->sets++;
+    r->lights += wanted;
+    if (margin < 1e-9)
+        r->left++;
+    else
+        r->indirects += odd_lights(s, boxes, made);
+    free(boxes);
+}
+
+/* A set and its remake by brute force. */
+static inline void remake_set(const emission *e, const envsamp_lights_desc *desc, remake *r)
+{
+    uint8_t *mask = (uint8_t *)kd_allocate((size_t)e->g.view.width * (size_t)e->g.view.height);
+    swarm w = swarm_make(e, desc, mask);
+    light_set s;
+    int i, k;
+
+    set_make(&s, &e->g.view, desc);
+    if (w.margin < 1e-6) {
+        r->sets++;
+        r->left++;
+    } else {
+        r->directs += s.info.direct_count != w.lights;
+        for (k = 0; k < w.lights; k++)
+            r->directs += !(off_cell(&s.lights[k], &w.sum[k], 1.0, e->dir[w.at[k]]) <= SAME);
+        for (i = 0; i < e->count; i++)
+            r->given_back += !mask[e->texel[i]];
+        r->lights += w.lights;
+        remake_indirects(&s, e, mask, r);
+    }
+    set_free(&s);
+    free(w.owner);
+    free(mask);
 }
 
 #endif

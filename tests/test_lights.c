@@ -7,8 +7,7 @@
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
-#include "kd_reference.h"
-#include "lights_fixture.h"
+#include "lights_map.h"
 #include "statistics.h"
 #include "../examples/common/irradiance.h"
 #include "../examples/common/maps.h"
@@ -18,12 +17,11 @@
 #define ENERGY 1e-6             /* relative: what the lights sum to; each is rounded to floats */
 #define INTEGRAL 1e-10          /* relative: a sum of doubles */
 #define ROUNDING 1e-6           /* relative, of a figure of one light */
-#define LEAST 1.5e-45           /* as far apart are floats below 1e-38 */
 #define WITHIN 4e-7             /* of a direction, each component */
 
 static const char *const mapping_names[3] = { "lat-long", "hemisphere", "octahedral" };
 
-/* ---- methods: what is promised of each; those that are not here are refused ---- */
+/* ---- methods: what is promised of each ---- */
 
 typedef struct method {
     envsamp_lights_method id;
@@ -63,40 +61,6 @@ static double set_sum(const light_set *s, int channel)
 }
 
 /* ---- the map, by brute force ---- */
-
-static double luminance_of(const double rgb[3])
-{
-    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-}
-
-static double row_sr(const envsamp_image *map, int y)
-{
-    const long double pi = 3.14159265358979323846264338327950288L;
-    const long double turn = map->mapping == ENVSAMP_LATLONG ? pi : 0.5L * pi;
-    const long double w = (long double)map->width, h = (long double)map->height;
-
-    if (map->mapping == ENVSAMP_OCTAHEDRAL)
-        return (double)(4.0L * pi / (w * h));
-    return (double)(2.0L * pi / w * (cosl(turn * (long double)y / h)
-                                     - cosl(turn * (long double)(y + 1) / h)));
-}
-
-/* NaN and infinity make a texel black, negative channels are 0. */
-static void texel_rgb(const envsamp_image *map, int x, int y, double rgb[3])
-{
-    const size_t channels = (size_t)map->channels;
-    const size_t stride = map->row_stride_bytes ? map->row_stride_bytes / sizeof(float)
-                                                : (size_t)map->width * channels;
-    const float *pixel = map->pixels + (size_t)y * stride + (size_t)x * channels;
-    int c, finite = 1;
-
-    for (c = 0; c < 3; c++) {
-        rgb[c] = (double)pixel[channels == 1 ? 0 : c];
-        finite &= isfinite(rgb[c]) != 0;
-    }
-    for (c = 0; c < 3; c++)
-        rgb[c] = finite && rgb[c] > 0.0 ? rgb[c] : 0.0;
-}
 
 /* The double integral of the map over the sphere. */
 static void map_total(const envsamp_image *map, double total[3])
@@ -218,12 +182,6 @@ typedef struct verdict {
     int sets, failed;           /* calls; those that failed, wrote too far, or say odd things */
 } verdict;
 
-static void worst(double *so_far, double value)
-{
-    if (!(value <= *so_far))
-        *so_far = value;
-}
-
 static double off(double value, double known)
 {
     return known > 0.0 ? fabs(value / known - 1.0) : fabs(value);
@@ -324,30 +282,6 @@ static void check_verdict(const char *name, const method *by, const verdict *v)
 
 /* ---- maps ---- */
 
-/* A map of one's own pixels. */
-typedef struct canvas { float *pixels; envsamp_image view; } canvas;
-
-static canvas canvas_make(int width, int height, int channels, int gap)
-{
-    const int stride = width * channels + gap;
-    const size_t count = (size_t)stride * (size_t)height;
-    canvas c;
-
-    c.pixels = (float *)kd_allocate(count * sizeof *c.pixels);
-    c.view = kd_image(c.pixels, width, height, channels);
-    c.view.row_stride_bytes = gap ? (size_t)stride * sizeof(float) : 0;
-    return c;
-}
-
-static float *canvas_at(const canvas *c, int x, int y)
-{
-    const size_t stride = c->view.row_stride_bytes
-                        ? c->view.row_stride_bytes / sizeof(float)
-                        : (size_t)c->view.width * (size_t)c->view.channels;
-
-    return c->pixels + (size_t)y * stride + (size_t)x * (size_t)c->view.channels;
-}
-
 static canvas canvas_filled(int width, int height, int channels, float value)
 {
     canvas c = canvas_make(width, height, channels, 0);
@@ -355,30 +289,6 @@ static canvas canvas_filled(int width, int height, int channels, float value)
 
     for (i = 0; i < width * height * channels; i++)
         c.pixels[i] = value;
-    return c;
-}
-
-/* The same map in other clothes, with NaN where nobody should look. */
-enum { MONO, PACKED, STRIDED, FOUR, LAYOUTS };
-
-static canvas canvas_of(const image *map, int layout)
-{
-    static const int channels[LAYOUTS] = { 1, 3, 3, 4 }, gaps[LAYOUTS] = { 3, 0, 5, 2 };
-    canvas c = canvas_make(map->width, map->height, channels[layout], gaps[layout]);
-    const int stride = map->width * channels[layout] + gaps[layout];
-    int x, y, i;
-
-    for (i = 0; i < stride * map->height; i++)
-        c.pixels[i] = NAN;
-    for (y = 0; y < map->height; y++)
-        for (x = 0; x < map->width; x++) {
-            const float *rgb = map->rgb + 3 * ((size_t)y * (size_t)map->width + (size_t)x);
-
-            if (layout == MONO)
-                *canvas_at(&c, x, y) = envsamp_luminance(rgb);
-            else
-                memcpy(canvas_at(&c, x, y), rgb, 3 * sizeof *rgb);
-        }
     return c;
 }
 
@@ -969,23 +879,23 @@ static void test_suns(const method *by, envsamp_mapping mapping)
 static void test_evenness(void)
 {
     enum { COUNT = 64 };
-    spot random[COUNT], line[COUNT], half[COUNT], grid[COUNT];
+    spot random[COUNT], line[COUNT], half[COUNT], lattice[COUNT];
     pcg32 numbers = pcg32_make(9, 9);
     int i;
 
     for (i = 0; i < COUNT; i++) {
-        grid[i].texel = line[i].texel = half[i].texel = random[i].texel = 0;
-        grid[i].x = half[i].x = (i % 8 + 0.5) / 8.0;
-        grid[i].y = (i / 8 + 0.5) / 8.0;
-        half[i].y = 0.5 * grid[i].y + (i % 2) / 16.0;
+        lattice[i].texel = line[i].texel = half[i].texel = random[i].texel = 0;
+        lattice[i].x = half[i].x = (i % 8 + 0.5) / 8.0;
+        lattice[i].y = (i / 8 + 0.5) / 8.0;
+        half[i].y = 0.5 * lattice[i].y + (i % 2) / 16.0;
         line[i].x = (i + 0.5) / COUNT;
         line[i].y = 0.5;
         random[i].x = (double)pcg32_float(&numbers);
         random[i].y = (double)pcg32_float(&numbers);
     }
-    CHECK(spots_even(grid, COUNT) && !spots_even(random, COUNT) && !spots_even(line, COUNT)
+    CHECK(spots_even(lattice, COUNT) && !spots_even(random, COUNT) && !spots_even(line, COUNT)
           && !spots_even(half, COUNT),
-          "control: a grid is even, random points, a row and half of a texel are not");
+          "control: a lattice is even, random points, a row and half of a texel are not");
 }
 
 /* ---- seeds, turns, what must make no difference ---- */

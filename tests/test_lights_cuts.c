@@ -7,16 +7,11 @@
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
-#include "kd_reference.h"
-#include "lights_fixture.h"
+#include "lights_judge.h"
 #include "../examples/common/irradiance.h"
 #include "../examples/common/maps.h"
 
 #include <limits.h>
-
-#define ENERGY 1e-5             /* relative: what the lights sum to */
-#define INTEGRAL 1e-10          /* relative: a sum of doubles */
-#define LEAST 1.5e-45           /* as far apart are floats below 1e-38 */
 
 /* ---- methods ---- */
 
@@ -46,48 +41,10 @@ static envsamp_lights_desc ask_other(envsamp_lights_method method, int count, ui
     return desc;
 }
 
-/* ---- vectors ---- */
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static double distance(const double a[3], const double b[3])
-{
-    const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
-
-    return sqrt(x * x + y * y + z * z);
-}
-
 /* Between unit vectors, small ones too. */
 static double angle_between(const double a[3], const double b[3])
 {
     return 2.0 * asin(fmin(0.5 * distance(a, b), 1.0));
-}
-
-static double normalise(double v[3])
-{
-    const double length = sqrt(dot(v, v));
-    int c;
-
-    for (c = 0; c < 3; c++)
-        v[c] /= length > 0.0 ? length : 1.0;
-    return length;
-}
-
-static void dir_of(const envsamp_light *l, double dir[3])
-{
-    int c;
-
-    for (c = 0; c < 3; c++)
-        dir[c] = (double)l->dir[c];
-    normalise(dir);
-}
-
-static double luminance_of(const double rgb[3])
-{
-    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
 }
 
 static double light_luminance(const envsamp_light *l)
@@ -98,114 +55,7 @@ static double light_luminance(const envsamp_light *l)
     return luminance_of(rgb);
 }
 
-/* ---- the map, by brute force ---- */
-
-static double row_sr(const envsamp_image *map, int y)
-{
-    const long double pi = 3.14159265358979323846264338327950288L;
-    const long double turn = map->mapping == ENVSAMP_LATLONG ? pi : 0.5L * pi;
-    const long double w = (long double)map->width, h = (long double)map->height;
-
-    if (map->mapping == ENVSAMP_OCTAHEDRAL)
-        return (double)(4.0L * pi / (w * h));
-    return (double)(2.0L * pi / w * (cosl(turn * (long double)y / h)
-                                     - cosl(turn * (long double)(y + 1) / h)));
-}
-
-/* NaN and infinity make a texel black, negative channels are 0. */
-static void texel_rgb(const envsamp_image *map, int x, int y, double rgb[3])
-{
-    const size_t channels = (size_t)map->channels;
-    const size_t stride = map->row_stride_bytes ? map->row_stride_bytes / sizeof(float)
-                                                : (size_t)map->width * channels;
-    const float *pixel = map->pixels + (size_t)y * stride + (size_t)x * channels;
-    int c, finite = 1;
-
-    for (c = 0; c < 3; c++) {
-        rgb[c] = (double)pixel[channels == 1 ? 0 : c];
-        finite &= isfinite(rgb[c]) != 0;
-    }
-    for (c = 0; c < 3; c++)
-        rgb[c] = finite && rgb[c] > 0.0 ? rgb[c] : 0.0;
-}
-
-/* Direction of a point of the map, in texels. Octahedral: [Clarberg]. */
-static void point_dir(const envsamp_image *map, double x, double y, double dir[3])
-{
-    const double u = x / (double)map->width, v = y / (double)map->height;
-    const double polar = v * (map->mapping == ENVSAMP_LATLONG ? KD_PI : 0.5 * KD_PI);
-
-    dir[0] = sin(polar) * cos(2.0 * KD_PI * u);
-    dir[1] = sin(polar) * sin(2.0 * KD_PI * u);
-    dir[2] = cos(polar);
-    if (map->mapping == ENVSAMP_OCTAHEDRAL) {
-        const double a = fabs(2.0 * u - 1.0), b = fabs(2.0 * v - 1.0);
-        const double depth = 1.0 - a - b, r = 1.0 - fabs(depth);
-        const double phi = r > 0.0 ? ((b - a) / r + 1.0) * 0.25 * KD_PI : 0.0;
-        const double ring = r * sqrt(2.0 - r * r);
-
-        dir[0] = copysign(ring * cos(phi), u - 0.5);
-        dir[1] = copysign(ring * sin(phi), v - 0.5);
-        dir[2] = copysign(1.0 - r * r, depth);
-    }
-}
-
-/* A texel, or sums over some: luminance, it times direction, channels; all times solid angle. */
-typedef struct cell { double luminance, v[3], rgb[3], sr; } cell;
-
-typedef struct grid { envsamp_image view; cell *cells, total; double lit_sr; int lit; } grid;
-
-static void add_cell(cell *sum, const cell *part)
-{
-    int c;
-
-    sum->luminance += part->luminance;
-    sum->sr += part->sr;
-    for (c = 0; c < 3; c++) {
-        sum->v[c] += part->v[c];
-        sum->rgb[c] += part->rgb[c];
-    }
-}
-
-static cell cell_of(const envsamp_image *view, int x, int y, double sr)
-{
-    cell texel;
-    double dir[3];
-    int c;
-
-    texel_rgb(view, x, y, texel.rgb);
-    point_dir(view, (double)x + 0.5, (double)y + 0.5, dir);
-    texel.sr = sr;
-    texel.luminance = luminance_of(texel.rgb) * sr;
-    for (c = 0; c < 3; c++) {
-        texel.rgb[c] *= sr;
-        texel.v[c] = texel.luminance * dir[c];
-    }
-    return texel;
-}
-
-static grid grid_make(const envsamp_image *view)
-{
-    grid g;
-    int x, y;
-
-    memset(&g, 0, sizeof g);
-    g.view = *view;
-    g.cells = (cell *)kd_allocate((size_t)view->width * (size_t)view->height * sizeof *g.cells);
-    for (y = 0; y < view->height; y++) {
-        const double sr = row_sr(view, y);
-
-        for (x = 0; x < view->width; x++) {
-            const cell texel = cell_of(view, x, y, sr);
-
-            g.cells[(size_t)y * (size_t)view->width + (size_t)x] = texel;
-            add_cell(&g.total, &texel);
-            g.lit += texel.luminance > 0.0;
-            g.lit_sr += texel.luminance > 0.0 ? sr : 0.0;
-        }
-    }
-    return g;
-}
+/* ---- sums of the map ---- */
 
 static cell grid_sum(const grid *g, int x0, int y0, int x1, int y1)
 {
@@ -226,130 +76,7 @@ static double spread_of(const cell *sum)
                                 : 0.0;
 }
 
-/* ---- maps of one's own ---- */
-
-typedef struct canvas { float *pixels; envsamp_image view; } canvas;
-
-static canvas canvas_make(int width, int height, int channels, int gap)
-{
-    const int stride = width * channels + gap;
-    canvas c;
-
-    c.pixels = (float *)kd_allocate((size_t)stride * (size_t)height * sizeof *c.pixels);
-    c.view = kd_image(c.pixels, width, height, channels);
-    c.view.row_stride_bytes = gap ? (size_t)stride * sizeof(float) : 0;
-    return c;
-}
-
-static float *canvas_at(const canvas *c, int x, int y)
-{
-    const size_t stride = c->view.row_stride_bytes
-                        ? c->view.row_stride_bytes / sizeof(float)
-                        : (size_t)c->view.width * (size_t)c->view.channels;
-
-    return c->pixels + (size_t)y * stride + (size_t)x * (size_t)c->view.channels;
-}
-
-static void canvas_fill(const canvas *c, int x0, int y0, int x1, int y1, float value)
-{
-    int x, y, i;
-
-    for (y = y0; y < y1; y++)
-        for (x = x0; x < x1; x++)
-            for (i = 0; i < c->view.channels; i++)
-                canvas_at(c, x, y)[i] = value;
-}
-
-/* Noise of many colours; black where `lit` of 1 says so. */
-static canvas noise_map(int width, int height, uint64_t seed, float lit)
-{
-    canvas c = canvas_make(width, height, 3, 0);
-    pcg32 random = pcg32_make(seed, 4);
-    int i, k;
-
-    for (i = 0; i < width * height; i++) {
-        const int shines = pcg32_float(&random) < lit;
-
-        for (k = 0; k < 3; k++)
-            c.pixels[3 * i + k] = shines ? 0.5f + pcg32_float(&random) : 0.0f;
-    }
-    return c;
-}
-
-/* The same map in other clothes, with NaN where nobody should look. */
-enum { LAYOUTS = 4 };
-
-static canvas canvas_of(const image *map, int layout)
-{
-    static const int channels[LAYOUTS] = { 1, 3, 3, 4 }, gaps[LAYOUTS] = { 3, 0, 5, 2 };
-    canvas c = canvas_make(map->width, map->height, channels[layout], gaps[layout]);
-    const int stride = map->width * channels[layout] + gaps[layout];
-    int x, y, i;
-
-    for (i = 0; i < stride * map->height; i++)
-        c.pixels[i] = NAN;
-    for (y = 0; y < map->height; y++)
-        for (x = 0; x < map->width; x++) {
-            const float *rgb = map->rgb + 3 * ((size_t)y * (size_t)map->width + (size_t)x);
-
-            if (layout == 0)
-                *canvas_at(&c, x, y) = envsamp_luminance(rgb);
-            else
-                memcpy(canvas_at(&c, x, y), rgb, 3 * sizeof *rgb);
-        }
-    return c;
-}
-
-/* A real map, every `step`-th texel of it. */
-static int real_map(int index, int step, image *out)
-{
-    image map;
-    int x, y, made;
-
-    if (!reference_real_map(index, &map))
-        return 0;
-    made = image_alloc(out, map.width / step, map.height / step);
-    for (y = 0; made && y < out->height; y++)
-        for (x = 0; x < out->width; x++)
-            memcpy(out->rgb + 3 * (y * out->width + x),
-                   map.rgb + 3 * (y * step * map.width + x * step), 3 * sizeof *out->rgb);
-    image_free(&map);
-    return made;
-}
-
 /* ---- what every set is to be ---- */
-
-enum { BAD_LENGTH = 1, BAD_IRRADIANCE = 2, BAD_CONE = 4, BAD_SIZE = 8, BAD_KIND = 16 };
-
-typedef struct verdict {
-    double energy, integral;    /* off, relative, in the worst channel */
-    int flags, wrong, lights;   /* what is wrong with how many of so many lights */
-    int sets, failed, unfilled; /* calls; those that failed or wrote too far; of a wrong sum of
-                                   solid angles */
-} verdict;
-
-static void worst(double *so_far, double value)
-{
-    if (!(value <= *so_far))
-        *so_far = value;
-}
-
-static int judge_light(const envsamp_light *l)
-{
-    const double dir[3] = { (double)l->dir[0], (double)l->dir[1], (double)l->dir[2] };
-    int flags = 0, c;
-
-    if (!(fabs(sqrt(dot(dir, dir)) - 1.0) <= 1e-6))
-        flags |= BAD_LENGTH;
-    for (c = 0; c < 3; c++)
-        if (!(l->irradiance[c] >= 0.0f && l->irradiance[c] <= FLT_MAX))
-            flags |= BAD_IRRADIANCE;
-    if (!(l->cos_extent >= -1.0f && l->cos_extent <= 1.0f))
-        flags |= BAD_CONE;
-    if (!(l->solid_angle > 0.0f && (double)l->solid_angle <= 4.0 * KD_PI * (1.0 + 1e-6)))
-        flags |= BAD_SIZE;
-    return flags | (l->direct ? BAD_KIND : 0);
-}
 
 /* Whether the set is that of HALFTONE, as it is where the map has few parts with light. */
 static int fell_back(const light_set *s, const envsamp_image *view)
@@ -378,34 +105,16 @@ static int fills(const light_set *s, const grid *g)
     return fabs(sum / g->total.sr - 1.0) <= 1e-3;
 }
 
-static void judge_set(const light_set *s, const grid *g, verdict *v)
+/* No light is direct, and all of the map is in the lights' parts. */
+static void judge_parts(const light_set *s, const grid *g, verdict *v)
 {
-    const int count = s->desc.count;
-    int c, i;
+    const int unfilled = v->unfilled;
 
-    v->sets++;
-    v->failed += s->result != ENVSAMP_OK || !set_intact(s) || s->info.count != count
-              || s->info.direct_count || s->info.threshold != 0.0f;
-    if (s->result != ENVSAMP_OK)
-        return;
-    for (c = 0; c < 3; c++) {
-        const double known = g->total.rgb[c];
-        double sum = 0.0;
-
-        for (i = 0; i < count; i++)
-            sum += (double)s->lights[i].irradiance[c];
-        worst(&v->energy, fmax(fabs(sum - known) - LEAST * count, 0.0) / fmax(known, 1e-300));
-        worst(&v->integral, fabs(s->info.integral[c] - known) / fmax(known, 1e-300));
-    }
-    for (i = 0; i < count; i++) {
-        const int flags = judge_light(&s->lights[i]);
-
-        v->flags |= flags;
-        v->wrong += flags != 0;
-        v->lights++;
-    }
-    v->unfilled += !fills(s, g) && !(s->desc.method == ENVSAMP_LIGHTS_RELAXED
-                                     && fell_back(s, &g->view));
+    judge_set(s, g, v);
+    v->failed += s->info.direct_count || s->info.threshold != 0.0f;
+    if (s->result == ENVSAMP_OK)
+        v->unfilled = unfilled + (!fills(s, g) && !(s->desc.method == ENVSAMP_LIGHTS_RELAXED
+                                                    && fell_back(s, &g->view)));
 }
 
 static void judge_view(const envsamp_image *view, int method, int count, verdict *v)
@@ -415,15 +124,9 @@ static void judge_view(const envsamp_image *view, int method, int count, verdict
     light_set s;
 
     set_make(&s, view, &desc);
-    judge_set(&s, &g, v);
+    judge_parts(&s, &g, v);
     set_free(&s);
     free(g.cells);
-}
-
-static int verdict_good(const verdict *v)
-{
-    return v->sets > 0 && v->failed == 0 && v->energy <= ENERGY && v->integral <= INTEGRAL
-        && v->lights > 0 && v->wrong == 0 && v->unfilled == 0;
 }
 
 static void check_verdict(const char *name, int method, const verdict *v)
@@ -459,7 +162,7 @@ static void judge_canvas(canvas *c, int layout, verdict verdicts[METHODS])
                     || (method == RELAXED && (k + k / 3) % 3 != mapping))
                     continue;
                 set_make(&s, &c->view, &desc);
-                judge_set(&s, &g, &verdicts[method]);
+                judge_parts(&s, &g, &verdicts[method]);
                 set_free(&s);
             }
         free(g.cells);
@@ -584,7 +287,7 @@ static void test_judge(void)
         s.lights->cos_extent = how == NO_CONE ? NAN : s.lights->cos_extent;
         s.lights->solid_angle *= how == NO_SIZE ? 0.0f : how == LARGE ? 1.5f : 1.0f;
         s.lights->direct = how == DIRECT;
-        judge_set(&s, &g, &v);
+        judge_parts(&s, &g, &v);
         CHECK(verdict_good(&v) == (how == SOUND), "%s: %s", how == SOUND ? "lights" : "control",
               names[how]);
         set_free(&s);
@@ -1832,7 +1535,7 @@ static int turned_right(const envsamp_light *l, const envsamp_light *out, double
     memcpy(back.dir, l->dir, sizeof back.dir);
     dir_of(l, a);
     dir_of(out, b);
-    return !memcmp(&back, l, sizeof back) && !(judge_light(out) & BAD_LENGTH)
+    return !memcmp(&back, l, sizeof back) && !(judge_light(out, out->direct) & BAD_LENGTH)
         && angle_between(a, b) <= extent * half + 1e-6;
 }
 
@@ -2024,7 +1727,7 @@ static void test_few(int method, int texels, int count, float floor)
         canvas_fill(&c, at[i][0], at[i][1], at[i][0] + 1, at[i][1] + 1, 3.0f + (float)i);
     g = grid_make(&c.view);
     set_make(&s, &c.view, &desc);
-    judge_set(&s, &g, &v);
+    judge_parts(&s, &g, &v);
     for (i = 0; i < texels; i++) {
         const cell lit = grid_sum(&g, at[i][0], at[i][1], at[i][0] + 1, at[i][1] + 1);
 
