@@ -8390,15 +8390,20 @@ static int envsamp__middle(int from, int to, int side)
     return to - from > side ? (middle + side - 1) / side * side : middle;
 }
 
-/* Halves a piece across its longer side; the other half goes to the end, unless it is black. */
+/* Halves a piece across its longer side, whole squares first; the other half goes to the end, unless
+   it is black. */
 static void envsamp__halve_piece(envsamp__relaxation *r, int i)
 {
     envsamp__piece p = r->pieces[i], rest;
-    int x = p.x1, y = p.y1;
+    int x = p.x1, y = p.y1, side = r->squares.side, wide;
     double longer;
 
-    if (p.y1 - p.y0 == 1 || (p.x1 - p.x0 > 1
-                             && envsamp__is_wide(r->image, p.x0, p.y0, p.x1, p.y1, &longer)))
+    side = p.x1 - p.x0 > side || p.y1 - p.y0 > side ? side : 1;
+    if ((p.x1 - p.x0 > side) != (p.y1 - p.y0 > side))
+        wide = p.x1 - p.x0 > side;
+    else
+        wide = envsamp__is_wide(r->image, p.x0, p.y0, p.x1, p.y1, &longer);
+    if (wide)
         x = envsamp__middle(p.x0, p.x1, r->squares.side);
     else
         y = envsamp__middle(p.y0, p.y1, r->squares.side);
