@@ -588,11 +588,12 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
 
 /* ---- lights: a map as K directional lights --------------------------------------------------- */
 
-/* RELAXED is the best at 16 to 64 lights: in a scene with shadows a quarter to a third below the
-   error of VARIANCE_CUT and DECOMPOSED, which are a fifth below MEDIAN_CUT. DECOMPOSED tells lamps,
-   which make shadows, from the rest, which may be shaded in a smaller picture. */
+/* RELAXED is the best at 16 to 64 lights: in a scene with shadows 24 to 39 % below the error of
+   VARIANCE_CUT and DECOMPOSED, which are 10 to 28 % below MEDIAN_CUT. DECOMPOSED tells lamps, which
+   make shadows, from the rest, which may be shaded in a smaller picture. */
 typedef enum envsamp_lights_method {
-    ENVSAMP_LIGHTS_DECOMPOSED = 0,  /* EnvDirects on bright texels and EnvIndirects [18] */
+    ENVSAMP_LIGHTS_DECOMPOSED = 0,  /* EnvDirects on bright, emissive texels, and EnvIndirects for
+                                       rectangles of the rest [18] */
     ENVSAMP_LIGHTS_MEDIAN_CUT,      /* rectangles of equal luminance [16] */
     ENVSAMP_LIGHTS_VARIANCE_CUT,    /* rectangles of little spread [17] */
     ENVSAMP_LIGHTS_HALFTONE,        /* error diffusion of the solid-angle-weighted map [9] */
@@ -605,40 +606,42 @@ typedef enum envsamp_lights_method {
 typedef struct envsamp_light {
     float dir[3];            /* unit, toward the light */
     float irradiance[3];     /* RGB radiance x solid angle of what the light stands for */
-    float solid_angle;       /* sr, of what it stands for */
-    float cos_extent;        /* cosine of the half angle of a cone about dir: of that solid angle
-                                with HALFTONE and RANDOM, else of an even disc with the centroid
-                                of what the light stands for */
-    int   direct;            /* 1: EnvDirect; 0 but for DECOMPOSED */
+    float solid_angle;       /* sr, of what it stands for; of HALFTONE and RANDOM, which choose
+                                texels, the sum need not be that of the map */
+    float cos_extent;        /* cosine of the half angle of a cone about dir, -1..1: of that solid
+                                angle with HALFTONE and RANDOM, else of an even disc with the
+                                centroid of what the light stands for, 1 if that is a texel */
+    int   direct;            /* 1: EnvDirect, on an emissive texel; 0: all others */
 } envsamp_light;
 
 typedef struct envsamp_lights_desc {
     int count;                       /* K, 1..65536, default 32 */
     envsamp_lights_method method;    /* default RELAXED */
-    float percentile, lambda, gamma; /* DECOMPOSED: a texel is emissive above the largest of the
-                                        luminance that `percentile`, 0..1, of the solid angle does
-                                        not exceed, lambda times the mean, and gamma times the
-                                        maximum, 0 or more; default 0.98, 3, 0.001 */
-    float mask_scale;                /* DECOMPOSED, s: an EnvDirect keeps others out of a cone of s
-                                        4 pi / K steradians, and stands for twice that angle at
-                                        most; 0: without bounds; default 0.15 */
+    float percentile, lambda, gamma; /* DECOMPOSED: a texel is emissive above the largest of: the
+                                        luminance that `percentile` of the solid angle does not
+                                        exceed, 0..1; lambda x mean; gamma x maximum, both 0 or
+                                        more; default 0.98, 3, 0.001 */
+    float mask_scale;                /* DECOMPOSED, s, 0 or more: an EnvDirect keeps others out of a
+                                        cone of s 4 pi / K steradians, and stands for twice that
+                                        angle at most; 0: without bounds; default 0.15 */
     float weight_variance;           /* DECOMPOSED: what decides which EnvIndirect to cut in two, */
     float weight_extent;             /* 0 or more, one above 0; default 1, 5, 1; the illumination */
     float weight_energy;             /* cut before [18] is 1, 0, 0, the best measured 0, 1, 2 */
-    int   refine_rounds;             /* at most, of k-means in DECOMPOSED; in RELAXED half of them
-                                        Lloyd's, half moves, above 128 lights all Lloyd's; 0: none,
-                                        but that RELAXED goes to centroids; default 64 */
+    int   refine_rounds;             /* 0 or more, at most so many: of k-means in DECOMPOSED; in
+                                        RELAXED half Lloyd's, half moves, above 128 lights all
+                                        Lloyd's; 0: RELAXED goes to centroids; default 64 */
     uint32_t seed;                   /* of RANDOM, DECOMPOSED, start of HALFTONE; default 0 */
     int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE; default 0 */
 } envsamp_lights_desc;
 
 typedef struct envsamp_lights_info {
-    int count, direct_count;
+    int count, direct_count;         /* K, and how many of these are EnvDirects, the first */
     float threshold;                 /* L_T of DECOMPOSED, else 0 */
     double integral[3];              /* of the map, RGB, over the sphere: the lights sum to it */
     size_t bad_pixel_count;          /* NaN, infinite or negative pixels taken as zero */
 } envsamp_lights_info;
 
+/* To change fields of: a description of zeros is DECOMPOSED without weights, and not valid. */
 ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
 
 /* Scratch of envsamp_lights. HALFTONE and RANDOM: 8 bytes a row, 12 a column, 12 a light.
@@ -655,17 +658,18 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
 /* Turns a map of any mapping into K directional lights, which sum to the map's integral in every
    channel. HALFTONE, RANDOM: colours are those of the texels, all of one luminance, then tinted
    alike. Where one texel is worth several lights, they stand evenly in it, one alone in its middle.
-   Cuts: where a rectangle cannot be cut, lights share its centroid. RELAXED: gives the lights of
-   HALFTONE where the map has not twice as many parts with light as there are lights. DECOMPOSED:
-   EnvDirects come first, each on an emissive texel of those that it stands for, and no two on one
-   unless all that is lit is emissive and there are more lights than texels, or than 32768. Lights
-   brighter than FLT_MAX are clamped, and energy is lost.
+   Cuts: where a rectangle cannot be cut into two that have light, lights share its centroid.
+   RELAXED: gives the lights of HALFTONE above 16384 lights, or where the map has not twice as many
+   parts with light. DECOMPOSED: EnvDirects come first, each on an emissive texel of those that it
+   stands for, and no two on one unless all that is lit is emissive and there are more lights than
+   texels, or than 32768. Lights brighter than FLT_MAX are clamped, those of a map with nothing
+   brighter than 1e-36 lose digits.
    lights: `capacity` of them, K or more. info may be NULL.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY if `capacity` or scratch is too
      small, or _ALIGN; nothing is said of `lights` then.
-   Time, in passes over the map that write luminance: HALFTONE 4, cuts 4, for 32 lights DECOMPOSED
-     and RELAXED 13; this grows with their square to some hundred lights. The same bits with any
-     compiler, as for tables.
+   Time, in passes over the map that write luminance: HALFTONE 4, cuts 4, for 32 lights RELAXED 10
+     and DECOMPOSED 12; what these take more grows with the square of the number of lights, up to
+     some hundred. The same bits with any compiler, as for tables.
 
    A light with its shadow, for every lit point of normal n:
 
@@ -685,7 +689,9 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
    sets cover that disc evenly, on a spiral, and its energy is the same in all. [18] has 0.1. The
    mean of 8 sets of 32 lights of RELAXED errs less in a scene with shadows by 7 % at 0.1, 43 at 0.5
    and 51 at 1, by independent turns 6, 27 and 12 %; what is left to filter is 2, 5 and 9 %.
-   out: `count` lights, may be `lights`. Returns ENVSAMP_ERR_NULL or _PARAM. */
+   count: 0 or more. set: 0..set_count - 1. A single set is turned too, by 0.71 of `extent`. A cone
+   of no size, cos_extent 1 or a NaN, turns nothing. out: `count` lights, may be `lights`.
+   Returns ENVSAMP_ERR_NULL or _PARAM. */
 ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights, int count,
                                                      int set, int set_count, float extent,
                                                      uint32_t seed, envsamp_light *out);
@@ -693,8 +699,8 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
 /* 1 where a texel is emissive (luminance > L_T), else 0: what DECOMPOSED puts EnvDirects on.
    mask: width x height bytes, row after row. threshold: becomes L_T; may be NULL.
    desc: percentile, lambda, gamma and strict count; NULL: the defaults.
-   scratch: what envsamp_lights_sizes says of DECOMPOSED is enough; 4 bytes a texel, 8 a row and
-     512 KiB are used.
+   scratch: 4 bytes a texel, 8 a row and 512 KiB, and some for alignment; what envsamp_lights_sizes
+     says of DECOMPOSED is enough.
    Returns as envsamp_lights; nothing is said of mask and threshold if there is an error. */
 ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
                                                  const envsamp_lights_desc *desc, uint8_t *mask,
@@ -7701,7 +7707,6 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
  * luminance, I being the integral, so it stands for a solid angle of I/K over its luminance, and
  * has that solid angle times its radiance as irradiance. A texel worth several is chosen several
  * times; spread out over others, as a halftone must have it, they would light from beside a sun.
- * Cuts and relaxation work on sums over squares of texels: see below.
  * ========================================================================================== */
 
 /* Solid angle of a texel of row y. A difference of cosines as a product: nothing cancels. */
@@ -7761,7 +7766,7 @@ static void envsamp__squares_carve(envsamp__squares *s, const envsamp_image *ima
     s->polar = (double *)envsamp__take(arena, 2 * (uint64_t)image->height, sizeof(double));
 }
 
-/* Scales a vector to length 1, unless it is none. */
+/* Scales a vector to length 1; returns 0, and leaves dir alone, if it has none. */
 static int envsamp__normalise(const double v[3], float dir[3])
 {
     double length = ENVSAMP_SQRT(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
@@ -7837,15 +7842,22 @@ static void envsamp__add_to_square(const envsamp_image *image, const double rgb[
     }
 }
 
-/* Direction of the middle of texels x0 to x1, y0 to y1 of an octahedral map. */
+/* Direction of the middle of texels x0 to x1, y0 to y1. */
+static void envsamp__middle_dir(const envsamp_image *image, int x0, int y0, int x1, int y1,
+                                float dir[3])
+{
+    envsamp_uv_to_dir(image->mapping, 0.5f * (float)(x0 + x1) / (float)image->width,
+                      0.5f * (float)(y0 + y1) / (float)image->height, dir);
+}
+
+/* The same of an octahedral map, for which there are no tables of sines. */
 static void envsamp__octahedral_middle(const envsamp_image *image, int x0, int y0, int x1, int y1,
                                        double dir[3])
 {
     float exact[3];
     int c;
 
-    envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, 0.5f * (float)(x0 + x1) / (float)image->width,
-                      0.5f * (float)(y0 + y1) / (float)image->height, exact);
+    envsamp__middle_dir(image, x0, y0, x1, y1, exact);
     for (c = 0; c < 3; c++)
         dir[c] = (double)exact[c];
 }
@@ -7877,7 +7889,7 @@ static void envsamp__square_dir(const envsamp__squares *s, int x, int y, double 
     dir[2] = cosine;
 }
 
-/* A row of squares, whose texels shine from their middles: bright ones are looked at again. */
+/* A row of squares; returns how many of its pixels are bad. */
 static size_t envsamp__make_square_row(envsamp__squares *s, int row)
 {
     size_t bad = 0;
@@ -7985,8 +7997,8 @@ static envsamp__square envsamp__sum_squares(const envsamp__squares *s, int x0, i
     return total;
 }
 
-/* Whether a rectangle of texels is longer across than down, on the sphere; how long, in half
-   turns. */
+/* Whether a rectangle of texels is longer across than down, on the sphere. `longer`, unless NULL:
+   how long, in half turns. */
 static int envsamp__is_wide(const envsamp_image *image, int x0, int y0, int x1, int y1,
                             double *longer)
 {
@@ -7997,7 +8009,8 @@ static int envsamp__is_wide(const envsamp_image *image, int x0, int y0, int x1, 
         envsamp__sincos_pi(polar * 0.5 * (double)(y0 + y1) / height, &sine, &cosine);
     across = 2.0 * sine * (double)(x1 - x0) / (double)image->width;
     down = polar * (double)(y1 - y0) / height;
-    *longer = envsamp__max(across, down);
+    if (longer)
+        *longer = envsamp__max(across, down);
     return across >= down;
 }
 
@@ -8175,13 +8188,13 @@ static void envsamp__cut_top(envsamp__cuts *cuts)
 {
     envsamp__region *top = cuts->regions, rest;
     int x = 0, y = 0, vertical;
-    double across = envsamp__best_cut(cuts, top, 1, &x), down = envsamp__best_cut(cuts, top, 0, &y);
-    double longer;
+    double across = top->copies > 1 ? -1.0 : envsamp__best_cut(cuts, top, 1, &x);
+    double down = top->copies > 1 ? -1.0 : envsamp__best_cut(cuts, top, 0, &y);
 
     if (cuts->by_variance && across >= 0.0 && down >= 0.0)
         vertical = across <= down;
     else
-        vertical = down < 0.0 || (across >= 0.0 && envsamp__is_region_wide(cuts, top, &longer));
+        vertical = down < 0.0 || (across >= 0.0 && envsamp__is_region_wide(cuts, top, NULL));
     if (across < 0.0 && down < 0.0) {
         top->key *= (double)top->copies / (double)(top->copies + 1);
         top->copies++;
@@ -8211,8 +8224,7 @@ static void envsamp__region_light(const envsamp__cuts *cuts, const envsamp__regi
 
     memset(light, 0, sizeof *light);
     if (!envsamp__normalise(sum.v, light->dir))
-        envsamp_uv_to_dir(s->image->mapping, 0.5f * (float)(x0 + x1) / (float)s->image->width,
-                          0.5f * (float)(y0 + y1) / (float)s->image->height, light->dir);
+        envsamp__middle_dir(s->image, x0, y0, x1, y1, light->dir);
     for (c = 0; c < 3; c++)
         light->irradiance[c] = envsamp__to_float(sum.rgb[c] / copies);
     light->solid_angle = (float)(sum.sr / copies);
@@ -8223,9 +8235,11 @@ static void envsamp__region_lights(const envsamp__cuts *cuts, envsamp_light *lig
 {
     int i, k;
 
-    for (i = 0; i < cuts->count; i++)
-        for (k = 0; k < cuts->regions[i].copies; k++)
-            envsamp__region_light(cuts, &cuts->regions[i], lights++);
+    for (i = 0; i < cuts->count; i++, lights += k) {
+        envsamp__region_light(cuts, &cuts->regions[i], lights);
+        for (k = 1; k < cuts->regions[i].copies; k++)
+            lights[k] = lights[0];
+    }
 }
 
 static envsamp__region envsamp__whole_region(const envsamp__cuts *cuts)
@@ -8276,9 +8290,9 @@ static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *l
  * Mean relative RMSE of five diffuse and glossy spheres on a plane with shadows, 18 maps:
  *
  *     lights                                          16      32      64
- *     median cut                                    0.141   0.074   0.038
+ *     median cut                                    0.142   0.074   0.038
  *     variance cut                                  0.111   0.058   0.034
- *     decomposed                                    0.119   0.060   0.028
+ *     decomposed                                    0.119   0.060   0.027
  *     median cut, 20 rounds of Lloyd                0.094   0.046   0.024
  *     HALFTONE, Lloyd                               0.092   0.043   0.024
  *     - and weights                                 0.086   0.043   0.022
@@ -8296,7 +8310,8 @@ static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *l
  * another at every turn, it is 0.33. Matching pursuit takes twice the time.
  */
 
-#define ENVSAMP__PIECES_PER_LIGHT 32        /* 1 / luminance of a piece, in that of a light */
+#define ENVSAMP__PIECES_PER_LIGHT 32        /* a piece has that part of a light's at most */
+#define ENVSAMP__PIECE_SQUARES 128          /* each way */
 #define ENVSAMP__PIECES_MAX 32768
 #define ENVSAMP__WEIGHED_MAX 128            /* lights: for more the system takes too long */
 #define ENVSAMP__DISTANCES_MAX (1 << 25)    /* in all rounds */
@@ -8317,8 +8332,6 @@ typedef struct envsamp__points {
 } envsamp__points;
 
 typedef struct envsamp__relaxation {
-    const envsamp_image *image;
-    const envsamp__grain *grain;
     envsamp__squares squares;
     envsamp__piece *pieces;
     int count, most;
@@ -8340,10 +8353,8 @@ static void envsamp__relaxation_carve(envsamp__relaxation *r, const envsamp_imag
     uint64_t rows = (uint64_t)lights + 1, most;
 
     memset(r, 0, sizeof *r);
-    r->image = image;
-    r->grain = grain;
     r->lights = lights;
-    envsamp__squares_carve(&r->squares, image, grain, 128, arena);
+    envsamp__squares_carve(&r->squares, image, grain, ENVSAMP__PIECE_SQUARES, arena);
     most = 1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * (uint64_t)lights;
     r->most = (int)(most < ENVSAMP__PIECES_MAX ? most : ENVSAMP__PIECES_MAX);
     r->pieces = (envsamp__piece *)envsamp__take(arena, (uint64_t)r->most, sizeof(envsamp__piece));
@@ -8365,8 +8376,8 @@ static envsamp__piece envsamp__make_piece(const envsamp__relaxation *r, int x0, 
                                           int y1)
 {
     int whole = x0 % r->squares.side == 0 && y0 % r->squares.side == 0
-             && (x1 % r->squares.side == 0 || x1 == r->image->width)
-             && (y1 % r->squares.side == 0 || y1 == r->image->height);
+             && (x1 % r->squares.side == 0 || x1 == r->squares.image->width)
+             && (y1 % r->squares.side == 0 || y1 == r->squares.image->height);
     envsamp__piece piece;
 
     memset(&piece, 0, sizeof piece);
@@ -8377,8 +8388,7 @@ static envsamp__piece envsamp__make_piece(const envsamp__relaxation *r, int x0, 
     piece.x1 = x1;
     piece.y1 = y1;
     if (!envsamp__normalise(piece.sum.v, piece.dir))
-        envsamp_uv_to_dir(r->image->mapping, 0.5f * (float)(x0 + x1) / (float)r->image->width,
-                          0.5f * (float)(y0 + y1) / (float)r->image->height, piece.dir);
+        envsamp__middle_dir(r->squares.image, x0, y0, x1, y1, piece.dir);
     return piece;
 }
 
@@ -8390,23 +8400,22 @@ static int envsamp__middle(int from, int to, int side)
     return to - from > side ? (middle + side - 1) / side * side : middle;
 }
 
-/* Halves a piece across its longer side, whole squares first; the other half goes to the end, unless
-   it is black. */
+/* Halves a piece across its longer side, whole squares first; the other half goes to the end,
+   unless it is black. */
 static void envsamp__halve_piece(envsamp__relaxation *r, int i)
 {
     envsamp__piece p = r->pieces[i], rest;
     int x = p.x1, y = p.y1, side = r->squares.side, wide;
-    double longer;
+    int unit = p.x1 - p.x0 > side || p.y1 - p.y0 > side ? side : 1;
 
-    side = p.x1 - p.x0 > side || p.y1 - p.y0 > side ? side : 1;
-    if ((p.x1 - p.x0 > side) != (p.y1 - p.y0 > side))
-        wide = p.x1 - p.x0 > side;
+    if ((p.x1 - p.x0 > unit) != (p.y1 - p.y0 > unit))
+        wide = p.x1 - p.x0 > unit;
     else
-        wide = envsamp__is_wide(r->image, p.x0, p.y0, p.x1, p.y1, &longer);
+        wide = envsamp__is_wide(r->squares.image, p.x0, p.y0, p.x1, p.y1, NULL);
     if (wide)
-        x = envsamp__middle(p.x0, p.x1, r->squares.side);
+        x = envsamp__middle(p.x0, p.x1, side);
     else
-        y = envsamp__middle(p.y0, p.y1, r->squares.side);
+        y = envsamp__middle(p.y0, p.y1, side);
     r->pieces[i] = envsamp__make_piece(r, p.x0, p.y0, x, y);
     rest = x < p.x1 ? envsamp__make_piece(r, x, p.y0, p.x1, p.y1)
                     : envsamp__make_piece(r, p.x0, y, p.x1, p.y1);
@@ -8442,7 +8451,7 @@ static void envsamp__make_pieces(envsamp__relaxation *r, double luminance)
     int large = 4 * r->squares.side, i;
     double most = luminance / (double)(ENVSAMP__PIECES_PER_LIGHT * r->lights);
 
-    r->pieces[0] = envsamp__make_piece(r, 0, 0, r->image->width, r->image->height);
+    r->pieces[0] = envsamp__make_piece(r, 0, 0, r->squares.image->width, r->squares.image->height);
     r->count = 1;
     while (r->count < envsamp__min(r->lights, r->most) && (i = envsamp__brightest_piece(r)) >= 0)
         envsamp__halve_piece(r, i);
@@ -8520,7 +8529,7 @@ static int envsamp__assign_pieces(envsamp__relaxation *r)
    alone with it. */
 static envsamp__piece *envsamp__worst_piece(const envsamp__relaxation *r)
 {
-    double worst = -1.0;
+    double worst = -DBL_MAX;        /* a cosine of floats may be above 1 */
     int at = 0, i;
 
     for (i = 0; i < r->count; i++) {
@@ -8842,6 +8851,8 @@ static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double lumi
 {
     int k;
 
+    if (r->most < 2 * r->lights)
+        return 0;
     envsamp__make_pieces(r, luminance);
     if (r->count < 2 * r->lights)
         return 0;
@@ -8996,7 +9007,7 @@ static int envsamp__any_above(const float *row, int count, float threshold)
     return above;
 }
 
-/* The bin in which a sum reaches a target, of which it becomes what lies before. */
+/* The bin in which a sum reaches a target; the sum becomes that of the bins before. */
 static uint32_t envsamp__find_bin(const double *bins, double target, double *sum)
 {
     uint32_t i, last = 0;
@@ -9037,7 +9048,8 @@ static void envsamp__fill_bins(const envsamp__emission *e, float threshold, cons
         }
 }
 
-/* The luminance that so much solid angle does not exceed, above a threshold that `sum` does not. */
+/* The luminance that `target` of solid angle does not exceed, where `sum` does not exceed the
+   threshold. */
 static float envsamp__percentile(const envsamp__emission *e, float threshold, double sum,
                                  double target)
 {
@@ -9091,11 +9103,10 @@ static void envsamp__split_emission(envsamp__emission *e, float threshold)
         emissive += count;
     }
     e->luminance[0] = emissive < e->lit ? envsamp__max(e->total - e->luminance[1], DBL_MIN) : 0.0;
-    e->sr[0] = e->total_sr - e->sr[1];
+    e->sr[0] = envsamp__max(e->total_sr - e->sr[1], 0.0);
 }
 
-/* Finds L_T, and labels texels that are brighter. L_b need not be known where no more than its
-   solid angle is brighter than the others. */
+/* Finds L_T, and labels texels that are brighter. L_b is sought only where it is the largest. */
 static void envsamp__find_emission(envsamp__emission *e, const envsamp_lights_desc *desc)
 {
     double target = (double)desc->percentile * e->total_sr;
@@ -9155,7 +9166,8 @@ static void envsamp__set_reach(envsamp__decomposition *d)
         d->reach_cosine = cosine * c - ENVSAMP_SQRT(1.0 - cosine * cosine) * sine;
     }
     if (cosine > 0.0 && d->desc->mask_scale > 0.0f && d->emission.luminance[0] > 0.0)
-        d->far_cosine = 2.0 * cosine * cosine - 1.0;
+        d->far_cosine = envsamp__clamp(2.0 * cosine * cosine - 1.0, -1.0,
+                                       1.0 - 1e-6);     /* a texel is not far from itself */
 }
 
 static uint8_t *envsamp__label_at(const envsamp__decomposition *d, int x, int y)
@@ -9177,18 +9189,26 @@ static int envsamp__count_directs(const envsamp__decomposition *d)
     return envsamp__min(count, k - 1);
 }
 
+/* Texels of a square: x0, y0, x1, y1. */
+static void envsamp__square_box(const envsamp__squares *s, int square, int box[4])
+{
+    box[0] = square % s->across * s->side;
+    box[1] = square / s->across * s->side;
+    box[2] = envsamp__min(box[0] + s->side, s->image->width);
+    box[3] = envsamp__min(box[1] + s->side, s->image->height);
+}
+
 /* What may still be drawn of a square. `texel`, unless NULL: where the sum reaches a target. */
 static double envsamp__scan_square(const envsamp__decomposition *d, int square, double target,
                                    envsamp_texel *texel)
 {
     const envsamp__squares *s = &d->direct->squares;
-    int x0 = square % s->across * s->side, y0 = square / s->across * s->side, x, y;
-    int x1 = envsamp__min(x0 + s->side, s->image->width);
-    int y1 = envsamp__min(y0 + s->side, s->image->height);
+    int box[4], x, y;
     double sum = 0.0;
 
-    for (y = y0; y < y1; y++)
-        for (x = x0; x < x1; x++) {
+    envsamp__square_box(s, square, box);
+    for (y = box[1]; y < box[3]; y++)
+        for (x = box[0]; x < box[2]; x++) {
             if (*envsamp__label_at(d, x, y) != ENVSAMP__EMISSIVE)
                 continue;
             if (texel && sum <= target) {
@@ -9232,12 +9252,11 @@ static double envsamp__dot(const double a[3], const double b[3])
 static void envsamp__mask_square(envsamp__decomposition *d, int square, const double dir[3])
 {
     const envsamp__squares *s = &d->direct->squares;
-    int x0 = square % s->across * s->side, y0 = square / s->across * s->side, x, y;
-    int x1 = envsamp__min(x0 + s->side, s->image->width);
-    int y1 = envsamp__min(y0 + s->side, s->image->height);
+    int box[4], x, y;
 
-    for (y = y0; y < y1; y++)
-        for (x = x0; x < x1; x++) {
+    envsamp__square_box(s, square, box);
+    for (y = box[1]; y < box[3]; y++)
+        for (x = box[0]; x < box[2]; x++) {
             uint8_t *label = envsamp__label_at(d, x, y);
             double texel[3];
 
@@ -9446,7 +9465,7 @@ static void envsamp__find_terms(const envsamp__cuts *cuts, envsamp__region *r)
     square = square * sr - sum[0] * sum[0];     /* (standard deviation x solid angle)^2 */
     r->term[0] = ENVSAMP_SQRT(envsamp__max(square, 0.0));
     envsamp__is_region_wide(cuts, r, &r->term[1]);
-    r->term[2] = sum[0];
+    r->term[2] = envsamp__max(sum[0], 0.0);
 }
 
 /* Whether a square of a region has light: differences of sums would not tell. */
@@ -9466,14 +9485,12 @@ static int envsamp__is_lit(const envsamp__cuts *cuts, const envsamp__region *r)
 static int envsamp__halve_region(const envsamp__cuts *cuts, envsamp__region *r,
                                  envsamp__region *rest)
 {
-    double longer;
-
     while (r->x1 - r->x0 > 1 || r->y1 - r->y0 > 1) {
         envsamp__region half = *r;
 
         *rest = *r;
         if (r->y1 - r->y0 == 1
-            || (r->x1 - r->x0 > 1 && envsamp__is_region_wide(cuts, r, &longer)))
+            || (r->x1 - r->x0 > 1 && envsamp__is_region_wide(cuts, r, NULL)))
             half.x1 = rest->x0 = r->x0 + (r->x1 - r->x0) / 2;
         else
             half.y1 = rest->y0 = r->y0 + (r->y1 - r->y0) / 2;
@@ -9719,12 +9736,17 @@ static void envsamp__survey_squares(envsamp__lights *l, envsamp__squares *square
     memcpy(l->info.integral, all.rgb, sizeof all.rgb);
 }
 
-static void envsamp__survey(envsamp__lights *l)
+static void envsamp__fill_row_sr(const envsamp_image *image, double *row_sr)
 {
     int y;
 
-    for (y = 0; y < l->image->height; y++)
-        l->grain.row_sr[y] = envsamp__image_row_sr(l->image, y);
+    for (y = 0; y < image->height; y++)
+        row_sr[y] = envsamp__image_row_sr(image, y);
+}
+
+static void envsamp__survey(envsamp__lights *l)
+{
+    envsamp__fill_row_sr(l->image, l->grain.row_sr);
     if (l->desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
         l->info.bad_pixel_count = envsamp__survey_emission(&l->decomposition.emission);
         l->luminance = l->decomposition.emission.total;
@@ -9928,7 +9950,6 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     envsamp_sizes sizes = { 0, 0 };
     envsamp_result result;
     size_t bad;
-    int y;
 
     desc = desc ? desc : &defaults;
     if (!image || !image->pixels || !mask)
@@ -9949,8 +9970,7 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     envsamp__image_grain(image, &grain, &arena);
     envsamp__emission_carve(&e, &grain, &arena);
     e.labels = mask;
-    for (y = 0; y < image->height; y++)
-        grain.row_sr[y] = envsamp__image_row_sr(image, y);
+    envsamp__fill_row_sr(image, grain.row_sr);
     bad = envsamp__survey_emission(&e);
     if (desc->strict && bad)
         return ENVSAMP_ERR_VALUE;
@@ -9997,8 +10017,8 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
         double first = envsamp__random(seed, 2 * (uint32_t)i + 1) * (double)set_count;
         uint32_t place = ((uint32_t)set + (uint32_t)first) % (uint32_t)set_count;
 
+        cone = cone < 1.0f ? cone : 1.0f;       /* a NaN: no cone */
         cone = cone > -1.0f ? cone : -1.0f;
-        cone = cone < 1.0f ? cone : 1.0f;
         angle = (double)envsamp__polar_fraction(1.0f - cone, 1.0f + cone) * (double)extent;
         angle *= ENVSAMP_SQRT(((double)place + 0.5) / (double)set_count);
         envsamp__sincos_pi(angle, &sine, &cosine);

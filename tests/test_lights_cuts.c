@@ -1629,7 +1629,9 @@ static void test_turn_ranges(void)
         turn_cones(k ? INFINITY : -INFINITY, out);
         right += !memcmp(out, ends[k], sizeof out);
     }
-    CHECK(right == 4, "%d of 4 cosines out of range are taken for the nearest", right);
+    turn_cones(NAN, out);
+    right += !memcmp(out, ends[1], sizeof out);
+    CHECK(right == 5, "%d of 5 cosines out of range are taken for the nearest, NaN for 1", right);
     lights_about(lights, 0.4);
     for (right = 0, k = 1; k <= 2; k++) {
         envsamp_lights_interleave(lights, TURNED_LIGHTS, INT_MAX - k, INT_MAX, 0.5f, 9, out);
@@ -1764,6 +1766,17 @@ static void test_fallback(void)
         free(c.pixels);
     }
     CHECK(right == 12, "RELAXED falls back where it should, in %d of 12 maps", right);
+    for (i = right = 0; i < 2; i++) {
+        canvas c = noise_map(512, 256, 6, 1.0f);
+        const envsamp_lights_desc desc = ask(RELAXED, 16384 + i);
+        light_set s;
+
+        set_make(&s, &c.view, &desc);
+        right += s.result == ENVSAMP_OK && fell_back(&s, &c.view) == i;
+        set_free(&s);
+        free(c.pixels);
+    }
+    CHECK(right == 2, "RELAXED makes 16384 lights, and not one more");
 }
 
 /* Patterns that leave much to chance: ties everywhere. */

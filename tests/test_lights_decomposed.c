@@ -1428,6 +1428,8 @@ static envsamp_lights_desc any_desc(pcg32 *random)
             *field_of(&desc, i) = pcg32_float(random) < 0.3f && i < FIELDS - 1
                                 ? 0.0f : 1e-6f + pcg32_float(random);
     if (pcg32_float(random) < 0.3f)
+        desc.mask_scale = powf(10.0f, 8.0f * (pcg32_float(random) - 0.8f));
+    if (pcg32_float(random) < 0.3f)
         desc.refine_rounds = (int)(100.0f * pcg32_float(random));
     desc.seed = (uint32_t)(65536.0f * pcg32_float(random));
     return desc;
