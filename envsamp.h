@@ -648,8 +648,7 @@ ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
    Cuts: up to 6 MB, 3 for a map twice as wide as high, and 56 bytes a light. RELAXED: up to 1 MB,
    7 KB a light, no more than 4 MB of these, 140 bytes a light, and as HALFTONE. Both 16 bytes a
    column and 24 a row. DECOMPOSED: as cuts and RELAXED, 2 MB and 5 bytes a texel. table_bytes is 0.
-   `desc` NULL: the defaults.
-   Needs the image's sizes, not its pixels.
+   `desc` NULL: the defaults. Needs the image's sizes, not its pixels.
    Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
                                                 const envsamp_lights_desc *desc,
@@ -667,7 +666,7 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
    lights: `capacity` of them, K or more. info may be NULL.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY if `capacity` or scratch is too
      small, or _ALIGN; nothing is said of `lights` then.
-   Time, in passes over the map that write luminance: HALFTONE 4, cuts 4, for 32 lights RELAXED 10
+   Time, in passes over the map that write luminance: HALFTONE 4, cuts 4, for 32 lights RELAXED 11
      and DECOMPOSED 12; what these take more grows with the square of the number of lights, up to
      some hundred. The same bits with any compiler, as for tables.
 
@@ -8299,7 +8298,7 @@ static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *l
  *     - and moves                                   0.081   0.041   0.021
  *     variance cut, Lloyd, moves and weights        0.081   0.043   0.023
  *     orthogonal matching pursuit, the same         0.080   0.040   0.020
- *     halves, the same: as it is                    0.082   0.041   0.021
+ *     halves, the same: as it is                    0.081   0.041   0.021
  *     - 128 moves                                   0.083   0.040   0.023
  *     - 64 pieces a light                           0.081   0.041   0.022
  *     - powers of the distance, 0.5; 0.7; 1.5 (32)  0.044, 0.042, 0.041 (without moves)

@@ -1,5 +1,5 @@
-/* lights_map.h: maps for tests of lights, made up or real, and sums over their texels by brute force,
- * with libm. Nothing here knows anything of the library.
+/* lights_map.h: maps for tests of lights, made up or real, and sums over their texels by brute
+ * force, with libm. Nothing here knows anything of the library.
  *
  *     canvas c = noise_map(40, 26, 3, 1.0f);
  *     grid g = grid_make(&c.view);              sums over texels: g.cells, g.total

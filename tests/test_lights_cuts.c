@@ -1950,9 +1950,9 @@ static double scratch_of(const envsamp_image *view, envsamp_lights_method method
 }
 
 /* As the header says: cuts 6 MB, 3 for maps twice as wide as high, and 56 bytes a light; RELAXED
-   1 MB, 7 KB a light, of these 4 MB at most, and 140 bytes a light, beside what HALFTONE takes. Both
-   16 bytes a column and 24 a row. DECOMPOSED: these, 2 MB and 5 bytes a texel. A tenth more is
-   allowed. */
+   1 MB, 7 KB a light, of these 4 MB at most, and 140 bytes a light, beside what HALFTONE takes.
+   Both 16 bytes a column and 24 a row. DECOMPOSED: these, 2 MB and 5 bytes a texel. A tenth more
+   is allowed. */
 static void test_scratch(void)
 {
     static const int shapes[6][3] = { { 1, 1, 1 }, { 2048, 1024, 32 }, { 8192, 4096, 64 },

@@ -1461,8 +1461,8 @@ static void test_anything(void)
         free(g.cells);
         free(c.pixels);
     }
-    CHECK(right + black == SETS && right > SETS * 9 / 10, "any maps and descriptions: %d sets of %d "
-          "are right, %d maps are black", right, (int)SETS, black);
+    CHECK(right + black == SETS && right > SETS * 9 / 10, "any maps and descriptions: %d sets of "
+          "%d are right, %d maps are black", right, (int)SETS, black);
 }
 
 int main(void)
