@@ -114,8 +114,9 @@
  * - Sums over a map are doubles that only add positive numbers. Blocks of WARP have edges at whole
  *   multiples of 2^-24 in the unit square, blocks of ALIAS such probabilities: what 24-bit numbers
  *   draw is exactly what is claimed. pdf is the density that is really sampled.
- * - IEEE arithmetic without contraction (-ffp-contract=off, which gcc's -std=c99 implies) gives the
- *   same bits with any compiler, optimisation level and libm.
+ * - IEEE arithmetic, not contracted (-ffp-contract=off, which gcc's -std=c99 implies) and without
+ *   the excess precision of the x87, gives the same bits with any compiler, optimisation level and
+ *   libm, on any processor of the same byte order.
  *
  * CONFIGURATION, by macros defined before the include
  *   ENVSAMP_IMPLEMENTATION   in one file: compile the functions
