@@ -8444,12 +8444,30 @@ static int envsamp__brightest_piece(const envsamp__relaxation *r)
     return at;
 }
 
+/* Halves every piece once that is large, or brighter than `most`; returns how many there were. */
+static int envsamp__halve_pieces(envsamp__relaxation *r, double most)
+{
+    int large = 4 * r->squares.side, count = r->count, halved = 0, i;
+
+    for (i = 0; i < count && r->count < r->most; i++) {
+        const envsamp__piece *p = &r->pieces[i];
+
+        if (!envsamp__is_texel(p) && (p->sum.luminance > most || p->x1 - p->x0 > large
+                                      || p->y1 - p->y0 > large)) {
+            envsamp__halve_piece(r, i);
+            halved++;
+        }
+    }
+    return halved;
+}
+
 /* Takes the map apart into as many pieces as there are lights, by halving the brightest, again and
-   again: where the lights start. Then halves pieces that are too large or too bright. */
+   again: where the lights start. Then halves all that are too large or too bright, in turns, so
+   that where there are too many no part of the map is left whole. */
 static void envsamp__make_pieces(envsamp__relaxation *r, double luminance)
 {
-    int large = 4 * r->squares.side, i;
     double most = luminance / (double)(ENVSAMP__PIECES_PER_LIGHT * r->lights);
+    int i;
 
     r->pieces[0] = envsamp__make_piece(r, 0, 0, r->squares.image->width, r->squares.image->height);
     r->count = 1;
@@ -8457,11 +8475,8 @@ static void envsamp__make_pieces(envsamp__relaxation *r, double luminance)
         envsamp__halve_piece(r, i);
     for (i = 0; i < envsamp__min(r->count, r->lights); i++)
         memcpy(r->axis + 3 * i, r->pieces[i].dir, sizeof r->pieces[i].dir);
-    for (i = 0; i < r->count; i++)
-        while (r->count < r->most && !envsamp__is_texel(&r->pieces[i])
-               && (r->pieces[i].sum.luminance > most || r->pieces[i].x1 - r->pieces[i].x0 > large
-                   || r->pieces[i].y1 - r->pieces[i].y0 > large))
-            envsamp__halve_piece(r, i);
+    while (r->count < r->most && envsamp__halve_pieces(r, most))
+        continue;
 }
 
 /* Copies the pieces' directions and luminance to where loops over them are fast. */
