@@ -7766,10 +7766,15 @@ static void envsamp__squares_carve(envsamp__squares *s, const envsamp_image *ima
     s->polar = (double *)envsamp__take(arena, 2 * (uint64_t)image->height, sizeof(double));
 }
 
+static double envsamp__dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
 /* Scales a vector to length 1; returns 0, and leaves dir alone, if it has none. */
 static int envsamp__normalise(const double v[3], float dir[3])
 {
-    double length = ENVSAMP_SQRT(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    double length = ENVSAMP_SQRT(envsamp__dot(v, v));
     int c;
 
     for (c = 0; c < 3 && length > 0.0; c++)
@@ -8021,7 +8026,7 @@ static float envsamp__cone(double luminance, const double v[3])
     double r = 1.0;
 
     if (luminance > 0.0)
-        r = ENVSAMP_SQRT(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / luminance;
+        r = ENVSAMP_SQRT(envsamp__dot(v, v)) / luminance;
     return (float)envsamp__clamp(2.0 * r - 1.0, -1.0, 1.0);
 }
 
@@ -9258,11 +9263,6 @@ static int envsamp__draw_texel(envsamp__decomposition *d, double u, envsamp_texe
     return 1;
 }
 
-static double envsamp__dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* Masks the texels of a square that are near a direction. */
 static void envsamp__mask_square(envsamp__decomposition *d, int square, const double dir[3])
 {
@@ -9349,23 +9349,25 @@ static void envsamp__place_directs(envsamp__decomposition *d)
 {
     envsamp__relaxation *r = d->direct;
     double *best = r->weight;
-    int i, k, x, y, c;
+    int i, k, x, y;
 
     for (k = 0; k < r->lights; k++)
         best[k] = -2.0;
     for (i = 0; i < r->count; i++) {
         const envsamp__piece *p = &r->pieces[i];
-        const float *axis = r->axis + 3 * p->light;
+        const float *light = r->axis + 3 * p->light;
+        double axis[3];
 
+        for (k = 0; k < 3; k++)
+            axis[k] = (double)light[k];
         for (y = p->y0; y < p->y1; y++)
             for (x = p->x0; x < p->x1; x++) {
-                double dir[3], cosine = 0.0;
+                double dir[3], cosine;
 
                 if (!envsamp__count_texels(&r->squares, x, y, 1))
                     continue;
                 envsamp__texel_dir(&r->squares, x, y, dir);
-                for (c = 0; c < 3; c++)
-                    cosine += dir[c] * (double)axis[c];
+                cosine = envsamp__dot(dir, axis);
                 if (cosine > best[p->light]) {
                     best[p->light] = cosine;
                     d->texel[p->light].x = x;

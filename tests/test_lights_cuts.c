@@ -943,23 +943,9 @@ static void test_stars(envsamp_mapping mapping, uint64_t seed)
 
 /* ---- RELAXED: its start ---- */
 
-typedef struct part { int x0, y0, x1, y1; cell sum; } part;
-
-static part part_make(const grid *g, int x0, int y0, int x1, int y1)
-{
-    part p;
-
-    p.x0 = x0;
-    p.y0 = y0;
-    p.x1 = x1;
-    p.y1 = y1;
-    p.sum = grid_sum(g, x0, y0, x1, y1);
-    return p;
-}
-
 /* Halves a part across its longer side on the sphere, in half turns and along its middle row; 1 if
    both halves are lit, else it becomes the one that is. */
-static int halve_part(const grid *g, part *p, part *rest)
+static int halve_part(const grid *g, box *p, box *rest)
 {
     const double height = g->view.height, middle = 0.5 * (p->y0 + p->y1) / height;
     const double polar = g->view.mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0;
@@ -969,8 +955,8 @@ static int halve_part(const grid *g, part *p, part *rest)
     const int wide = p->y1 - p->y0 == 1 || (p->x1 - p->x0 > 1 && across >= down);
     const int x = (p->x0 + p->x1) / 2, y = (p->y0 + p->y1) / 2;
 
-    *rest = wide ? part_make(g, x, p->y0, p->x1, p->y1) : part_make(g, p->x0, y, p->x1, p->y1);
-    *p = wide ? part_make(g, p->x0, p->y0, x, p->y1) : part_make(g, p->x0, p->y0, p->x1, y);
+    *rest = wide ? box_of(g, x, p->y0, p->x1, p->y1) : box_of(g, p->x0, y, p->x1, p->y1);
+    *p = wide ? box_of(g, p->x0, p->y0, x, p->y1) : box_of(g, p->x0, p->y0, p->x1, y);
     if (p->sum.luminance > 0.0 && rest->sum.luminance > 0.0)
         return 1;
     if (rest->sum.luminance > 0.0)
@@ -981,10 +967,10 @@ static int halve_part(const grid *g, part *p, part *rest)
 /* Makes a set that stands at the centroids of halves, the brightest first. */
 static void halves_of(const grid *g, light_set *s, int count)
 {
-    part *parts = (part *)kd_allocate((size_t)count * sizeof *parts);
+    box *parts = (box *)kd_allocate((size_t)count * sizeof *parts);
     int made = 1, i, c;
 
-    parts[0] = part_make(g, 0, 0, g->view.width, g->view.height);
+    parts[0] = box_of(g, 0, 0, g->view.width, g->view.height);
     while (made < count) {
         int at = -1;
 
@@ -1325,8 +1311,8 @@ static double turned_median(const light_set *s, const light_set *turned, double 
 }
 
 /* A map of separate lights turned by 37 columns: lights turn with it, but only nearly, for cuts see
-   the map's edge, and HALFTONE, from which RELAXED starts, begins there. Of even maps, such as
-   foliage, not even that holds. */
+   the map's edge, and so do the halves from which RELAXED starts. Of even maps, such as foliage,
+   not even that holds. */
 static void test_turned(int method, const char *name)
 {
     const envsamp_lights_desc desc = ask(method, 32);
