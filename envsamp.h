@@ -1,4 +1,4 @@
-/* envsamp.h - v0.1 - importance sampling of environment maps - MIT or public domain
+/* envsamp.h - v0.2 - importance sampling of environment maps - MIT or public domain
  *
  * HOW TO USE IT. In one C or C++ file:
  *
@@ -25,7 +25,7 @@
  *
  *     envsamp_sample s = envsamp_kd_sample(kd, u0, u1);   // s.dir, s.pdf per steradian
  *     float pdf = envsamp_kd_pdf(kd, bsdf_dir);           // for multiple importance sampling
- *     envsamp_lookup(&image, 1, s.dir, rgb);              // bilinear, or as your engine does
+ *     envsamp_lookup(&image, 0, s.dir, rgb);              // bilinear, or as your engine does
  *     radiance += f(s.dir) * rgb * visible(s.dir) / s.pdf;
  *
  * WHICH SAMPLER
@@ -67,12 +67,16 @@
  * Hemisphere maps are the same with theta = (pi/2) v, octahedral ones the equal-area square [7].
  * Pixels are linear radiance. pdf is per steradian. u0 and u1 are uniform in [0, 1).
  *
- * LOOKUPS. A table is made for one way to look the map up. `bilinear`, the default: between texel
+ * LOOKUPS. A table is made for one way to look the map up. The default is bilinear: between texel
  * centres, as most renderers and every GPU do; density is then above zero wherever such a lookup
- * is, but for rounding, and all figures are those of the interpolated map. Without it, lookups
+ * is, but for rounding, and all figures are those of the interpolated map. With `nearest`, lookups
  * must take the nearest texel: looked up bilinearly, a table for nearest texels misses 4 to 40 %
  * of the light of a lamp. The other way round nothing is missed, but there is more noise.
  * envsamp_lookup does both.
+ *
+ * DESCRIPTIONS. Zero is the default of every field: set what differs, in a description of zeros
+ * (memset, or = { .block_count = 16384 }) or in that of _defaults(). What 0 would mean is said by
+ * a negative number. Fields may be added at the end.
  *
  * MIS COMPENSATION [8]. With `mis_compensation` above 0, that many times the mean luminance of the
  * map is subtracted from every texel before a table is made: what is dim on all sides is left to
@@ -265,13 +269,13 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_luminance(const float rgb[3]);
    power heuristic with exponent 2 [4]. Two zeros give 0; infinities are fine. */
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_other);
 
-/* Radiance of the map in a direction: of the nearest texel, or, if `bilinear` is nonzero,
-   interpolated between texel centres: round the seam, half a turn round over the poles, and across
-   the edges of the octahedral square to where they go on. Over a pole of an odd width that is half
+/* Radiance of the map in a direction: interpolated between texel centres, round the seam, half a
+   turn round over the poles, and across the edges of the octahedral square to where they go on; or,
+   if `nearest` is nonzero, of the nearest texel. Over a pole of an odd width interpolation is half
    a texel short. HEMISPHERE: its last row reaches down to the horizon; below, where z < 0, it is
    black. Pixels count as in a build. One channel gives three equal values. The zero vector looks
    at +z. */
-ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int bilinear, const float dir[3],
+ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const float dir[3],
                                 float rgb[3]);
 
 /* ---- kd: blocks of a kd-tree -------------------------------------------------------------- */
@@ -282,12 +286,12 @@ typedef enum envsamp_kd_select {
     ENVSAMP_KD_FIT        /* fitted analytic pdf over sorted blocks [1] */
 } envsamp_kd_select;
 
-/* Which block to split next, and where. The first three choose by their name and split where the
-   means of the parts explain most squares [1]. EXCESS splits what lowers the variance of L/pdf
-   most: with ALIAS 20 to 40 % less of it than SSE from as many blocks. FIT does not profit, since
-   how well the blocks suit the model decides there; SSE is often better for it. */
+/* Which block to split next, and where. EXCESS splits what lowers the variance of L/pdf most: with
+   ALIAS 20 to 40 % less of it than SSE from as many blocks. FIT does not profit, since how well the
+   blocks suit the model decides there; SSE is often better for it. The last three choose by their
+   name and split where the means of the parts explain most squares [1]. */
 typedef enum envsamp_kd_criterion {
-    ENVSAMP_KD_SSE = 0, ENVSAMP_KD_VARIANCE, ENVSAMP_KD_RANGE, ENVSAMP_KD_EXCESS
+    ENVSAMP_KD_EXCESS = 0, ENVSAMP_KD_SSE, ENVSAMP_KD_VARIANCE, ENVSAMP_KD_RANGE
 } envsamp_kd_criterion;
 
 typedef enum envsamp_kd_model {
@@ -300,14 +304,17 @@ typedef enum envsamp_kd_model {
 typedef enum envsamp_kd_objective { ENVSAMP_KD_L1 = 0, ENVSAMP_KD_CHI2 } envsamp_kd_objective;
 
 typedef struct envsamp_kd_desc {
-    int block_count;                 /* 1..1048576, default 6144 */
-    envsamp_kd_select select;        /* default WARP */
-    envsamp_kd_criterion criterion;  /* default EXCESS */
-    envsamp_kd_model model;          /* FIT only, default LOG */
-    envsamp_kd_objective objective;  /* FIT only, default L1 */
-    float mis_compensation;          /* 0 none .. 1 full: see MIS COMPENSATION; default 0 */
-    int bilinear;                    /* nonzero: radiance is looked up bilinearly; default 1 */
-    int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE; default 0 */
+    int block_count;                 /* 1..1048576, 0: 6144 */
+    envsamp_kd_select select;
+    envsamp_kd_criterion criterion;
+    envsamp_kd_model model;          /* FIT only */
+    envsamp_kd_objective objective;  /* FIT only */
+    float mis_compensation;          /* 0 none .. 1 full: see MIS COMPENSATION */
+    int nearest;                     /* 0: radiance is looked up bilinearly; else nearest texel */
+    int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE */
+    int facing;                      /* reserved, as are the next two: 0 */
+    float excess_target;
+    float importance_exponent;
 } envsamp_kd_desc;
 
 typedef struct envsamp_kd envsamp_kd;
@@ -405,7 +412,7 @@ typedef struct envsamp_kd_info {
     double l1;               /* FIT: sum |empirical - fitted| over blocks */
     size_t bad_pixel_count;  /* NaN, infinite or negative pixels taken as zero */
     float mis_compensation;  /* in force: 0 where nothing would have been left */
-    int bilinear;            /* how lookups have to be: as in the description */
+    int nearest;             /* how lookups have to be: as in the description */
     envsamp_mapping mapping;
 } envsamp_kd_info;
 
@@ -427,13 +434,14 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
 /* ---- cdf: inversion over texels ------------------------------------------------------------ */
 
 /* The map at full resolution, at some 4.5 bytes a texel where kd needs 100 to 400 KB in all.
-   Without `bilinear` there is no excess variance. With it there is that within cells between texel
+   With `nearest` there is no excess variance. Without it there is that within cells between texel
    centres, which are drawn evenly: 0.003 to 0.2 for real maps, 0.8 for a lone texel, of which kd
    makes smaller blocks. */
 typedef struct envsamp_cdf_desc {
-    float mis_compensation;          /* 0 none .. 1 full: see MIS COMPENSATION; default 0 */
-    int bilinear;                    /* nonzero: radiance is looked up bilinearly; default 1 */
-    int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE; default 0 */
+    float mis_compensation;          /* 0 none .. 1 full: see MIS COMPENSATION */
+    int nearest;                     /* 0: radiance is looked up bilinearly; else nearest texel */
+    int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE */
+    float importance_exponent;       /* reserved: 0 */
 } envsamp_cdf_desc;
 
 typedef struct envsamp_cdf envsamp_cdf;
@@ -452,7 +460,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY or _ALIGN.
    Numeric: every lit row, and every lit texel of a row, gets one of 2^24 parts, and the rest is
    shared out in proportion, rounded down: a texel is drawn at least 1 - (width + height) / 2^24
-   times as often as it ought to be. So without `bilinear` max_ratio hardly exceeds 1, and
+   times as often as it ought to be. So with `nearest` max_ratio hardly exceeds 1, and
    excess_variance is below (width + height) / 2^24.
    Source: inversion by rows, then columns, as everywhere; found by guide tables [6]. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
@@ -513,7 +521,7 @@ typedef struct envsamp_cdf_info {
     double max_ratio;        /* largest L / (pdf * integral) over the map */
     size_t bad_pixel_count;  /* NaN, infinite or negative pixels taken as zero */
     float mis_compensation;  /* in force: 0 where nothing would have been left */
-    int bilinear;            /* how lookups have to be: as in the description */
+    int nearest;             /* how lookups have to be: as in the description */
     envsamp_mapping mapping;
 } envsamp_cdf_info;
 
@@ -547,8 +555,9 @@ typedef struct envsamp_halftone_desc {
     envsamp_kernel kernel;
     uint32_t seed;            /* error at the start, and RANDOM's draws; 0: no error at the start */
     envsamp_scan scan;
-    int repeat;               /* nonzero: a texel of more than S/M may be chosen more than once, in
-                                 a row; 0: its error goes on to its neighbours. RANDOM repeats. */
+    int once;                 /* 0: a texel of more than S/M may be chosen more than once, in a
+                                 row; nonzero: its error goes on to its neighbours. RANDOM
+                                 repeats. */
 } envsamp_halftone_desc;
 
 /* A chosen texel. probability is its importance over S, the sum of the map's: what a sample is
@@ -567,12 +576,12 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
    32 by 32 map of light x BRDF x cosine for one shaded point.
    importance: height rows of width floats, row_stride_bytes apart, 0 for packed; 0 or above, of any
      scale. Weigh a lat-long map by solid angle first; envsamp_lights does so.
-   texels: `capacity` of them, M or more; *count becomes how many were chosen: M, or, without
-     `repeat`, as many as texels are above zero if those are fewer. None is chosen that is zero;
-     none twice, but by RANDOM and with `repeat`. They come in the order of the scan.
-   Evenness: with CELLS and `repeat` the number of samples in a rectangle of mass m was within 2.5
-     sqrt(perimeter in cells) of M m in every map tried, for 64 to 1024 samples; 0.6 sqrt(perimeter
-     in texels) at 512 by 256.
+   texels: `capacity` of them, M or more; *count becomes how many were chosen: M, or, with
+     `once`, as many as texels are above zero if those are fewer. None is chosen that is zero; with
+     `once` none twice, but by RANDOM. They come in the order of the scan.
+   Evenness: with CELLS, without `once`, the number of samples in a rectangle of mass m was within
+     2.5 sqrt(perimeter in cells) of M m in every map tried, for 64 to 1024 samples; 0.6
+     sqrt(perimeter in texels) at 512 by 256.
      With a random seed above 0 every texel is chosen as often as it is worth, so that the mean of
      f / (M probability) is the sum of f; TEXELS chooses dim ones too often, and has fireflies.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE for a NaN, infinite or negative importance,
@@ -593,13 +602,13 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
    VARIANCE_CUT and DECOMPOSED, which are 10 to 28 % below MEDIAN_CUT. DECOMPOSED tells lamps, which
    make shadows, from the rest, which may be shaded in a smaller picture. */
 typedef enum envsamp_lights_method {
-    ENVSAMP_LIGHTS_DECOMPOSED = 0,  /* EnvDirects on bright, emissive texels, and EnvIndirects for
+    ENVSAMP_LIGHTS_RELAXED = 0,     /* relaxed on the sphere, moved and weighed: see @lights */
+    ENVSAMP_LIGHTS_DECOMPOSED,      /* EnvDirects on bright, emissive texels, and EnvIndirects for
                                        rectangles of the rest [18] */
     ENVSAMP_LIGHTS_MEDIAN_CUT,      /* rectangles of equal luminance [16] */
     ENVSAMP_LIGHTS_VARIANCE_CUT,    /* rectangles of little spread [17] */
     ENVSAMP_LIGHTS_HALFTONE,        /* error diffusion of the solid-angle-weighted map [9] */
-    ENVSAMP_LIGHTS_RANDOM,          /* independent importance samples: the baseline */
-    ENVSAMP_LIGHTS_RELAXED          /* relaxed on the sphere, moved and weighed: see @lights */
+    ENVSAMP_LIGHTS_RANDOM           /* independent importance samples: the baseline */
 } envsamp_lights_method;
 
 /* A light as an engine takes it: radiance leaving a surface is BRDF x irradiance x cosine, summed
@@ -616,23 +625,23 @@ typedef struct envsamp_light {
 } envsamp_light;
 
 typedef struct envsamp_lights_desc {
-    int count;                       /* K, 1..65536, default 32 */
-    envsamp_lights_method method;    /* default RELAXED */
+    int count;                       /* K, 1..65536, 0: 32 */
+    envsamp_lights_method method;
     float percentile, lambda, gamma; /* DECOMPOSED: a texel is emissive above the largest of: the
                                         luminance that `percentile` of the solid angle does not
-                                        exceed, 0..1; lambda x mean; gamma x maximum, both 0 or
-                                        more; default 0.98, 3, 0.001 */
-    float mask_scale;                /* DECOMPOSED, s, 0 or more: an EnvDirect keeps others out of a
-                                        cone of s 4 pi / K steradians, and stands for twice that
-                                        angle at most; 0: without bounds; default 0.15 */
+                                        exceed, at most 1; lambda x mean; gamma x maximum; 0: 0.98,
+                                        3, 0.001; negative: 0 */
+    float mask_scale;                /* DECOMPOSED, s: an EnvDirect keeps others out of a cone of
+                                        s 4 pi / K steradians, and stands for twice that angle at
+                                        most; 0: 0.15; negative: without bounds */
     float weight_variance;           /* DECOMPOSED: what decides which EnvIndirect to cut in two, */
-    float weight_extent;             /* 0 or more, one above 0; default 1, 5, 1; the illumination */
-    float weight_energy;             /* cut before [18] is 1, 0, 0, the best measured 0, 1, 2 */
-    int   refine_rounds;             /* 0 or more, at most so many: of k-means in DECOMPOSED; in
-                                        RELAXED half Lloyd's, half moves, above 128 lights all
-                                        Lloyd's; 0: RELAXED goes to centroids; default 64 */
-    uint32_t seed;                   /* of RANDOM, DECOMPOSED, start of HALFTONE; default 0 */
-    int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE; default 0 */
+    float weight_extent;             /* 0 or more; all 0: 1, 5, 1; the illumination cut before */
+    float weight_energy;             /* [18] is 1, 0, 0, the best measured 0, 1, 2 */
+    int   refine_rounds;             /* at most so many: of k-means in DECOMPOSED; in RELAXED half
+                                        Lloyd's, half moves, above 128 lights all Lloyd's; 0: 64;
+                                        negative: none, RELAXED goes to centroids */
+    uint32_t seed;                   /* of RANDOM, DECOMPOSED, start of HALFTONE */
+    int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE */
 } envsamp_lights_desc;
 
 typedef struct envsamp_lights_info {
@@ -642,7 +651,7 @@ typedef struct envsamp_lights_info {
     size_t bad_pixel_count;          /* NaN, infinite or negative pixels taken as zero */
 } envsamp_lights_info;
 
-/* To change fields of: a description of zeros is DECOMPOSED without weights, and not valid. */
+/* The description of zeros with the numbers that its zeros mean: to change fields of. */
 ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
 
 /* Scratch of envsamp_lights. HALFTONE and RANDOM: 8 bytes a row, 12 a column, 12 a light.
@@ -854,6 +863,16 @@ ENVSAMP__MATH float envsamp__bits_float(uint32_t bits)
     return value;
 }
 
+/* 1 for 0 and -0, and not for a NaN under -ffast-math. */
+static int envsamp__is_zero(float value) { return envsamp__float_bits(value) << 1 == 0; }
+
+/* Whether a setting lies in a range. By its bits, so that -ffast-math refuses a NaN. */
+static int envsamp__in_range(float value, float least, float most)
+{
+    return (envsamp__float_bits(value) & 0x7f800000u) != 0x7f800000u && value >= least
+        && value <= most;
+}
+
 /* Any float to [0, 1), without a branch: NaN, infinities and 1 and above to the end, a negative
    number by its size. */
 ENVSAMP__HOT float envsamp__clamp_unit(float u)
@@ -910,8 +929,8 @@ ENVSAMP__HOT float envsamp__octant_turn(float t)
 ENVSAMP__MATH float envsamp__turn(float y, float x)
 {
     float ax = x < 0.0f ? -x : x, ay = y < 0.0f ? -y : y;
-    float big = ax > ay ? ax : ay, small = ax > ay ? ay : ax;
-    float turn = envsamp__octant_turn(big > 0.0f ? small / big : 0.0f);
+    float big = ax > ay ? ax : ay, lesser = ax > ay ? ay : ax;
+    float turn = envsamp__octant_turn(big > 0.0f ? lesser / big : 0.0f);
 
     turn = ay > ax ? 0.25f - turn : turn;
     turn = x < 0.0f ? 0.5f - turn : turn;
@@ -972,9 +991,9 @@ ENVSAMP__HOT float envsamp__positive(float t)
 ENVSAMP__HOT void envsamp__octahedral_uv(float x, float y, float z, float r, float *u, float *v)
 {
     float abs_x = ENVSAMP_FABSF(x), abs_y = ENVSAMP_FABSF(y), abs_z = ENVSAMP_FABSF(z);
-    float big = abs_x > abs_y ? abs_x : abs_y, small = abs_x > abs_y ? abs_y : abs_x;
+    float big = abs_x > abs_y ? abs_x : abs_y, lesser = abs_x > abs_y ? abs_y : abs_x;
     float high = r > abs_z ? r : abs_z, low = r > abs_z ? abs_z : r;
-    float across = small / (big + FLT_MIN);
+    float across = lesser / (big + FLT_MIN);
     float down = low / (high + FLT_MIN), turn, w, s, p, q;
 
     turn = 4.0f * envsamp__octant_turn(down);
@@ -1213,7 +1232,7 @@ static void envsamp__add_texel(const envsamp_image *image, int x, int y, float w
         rgb[c] += weight * texel[c];
 }
 
-ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int bilinear, const float dir[3],
+ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const float dir[3],
                                 float rgb[3])
 {
     float uv[2], fx, fy;
@@ -1226,7 +1245,7 @@ ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int bilinear, const 
     envsamp_dir_to_uv(image->mapping, dir, uv);
     fx = uv[0] * (float)image->width;
     fy = uv[1] * (float)image->height;
-    if (!bilinear) {
+    if (nearest) {
         x = envsamp__min((int)fx, image->width - 1);
         envsamp__add_texel(image, x, envsamp__min((int)fy, image->height - 1), 1.0f, rgb);
         return;
@@ -1876,8 +1895,8 @@ static size_t envsamp__luminance_row(const float *pixel, int channels, int width
 
 /* ---- places and solid angles ---- */
 
-typedef struct envsamp__cell { float mean, rms, max; } envsamp__cell;
-typedef struct envsamp__moments { double sum, square; float max; } envsamp__moments;
+typedef struct envsamp__cell { float mean, rms, peak; } envsamp__cell;
+typedef struct envsamp__moments { double sum, square; float peak; } envsamp__moments;
 
 /* Part of the map, in cells. */
 typedef struct envsamp__rect { double x0, y0, x1, y1; } envsamp__rect;
@@ -1921,7 +1940,7 @@ static inline double envsamp__y_edge(const envsamp__map *map, int y)
 
 /* Polar angle by the nearer pole, as 1 - cos theta or, `south`, 1 + cos theta: each is exact at its
    pole. Of an octahedral map: v, which measures solid angle as cos theta does. */
-typedef struct envsamp__polar { double near; int south; } envsamp__polar;
+typedef struct envsamp__polar { double cap; int south; } envsamp__polar;
 
 static envsamp__polar envsamp__polar_at(const envsamp__map *map, double y)
 {
@@ -1929,11 +1948,11 @@ static envsamp__polar envsamp__polar_at(const envsamp__map *map, double y)
     envsamp__polar p;
 
     p.south = map->mapping == ENVSAMP_LATLONG && v > 0.5;
-    p.near = p.south ? 1.0 - v : v;
+    p.cap = p.south ? 1.0 - v : v;
     if (map->mapping != ENVSAMP_OCTAHEDRAL) {
-        envsamp__sincos_pi(map->mapping == ENVSAMP_LATLONG ? 0.5 * p.near : 0.25 * p.near,
+        envsamp__sincos_pi(map->mapping == ENVSAMP_LATLONG ? 0.5 * p.cap : 0.25 * p.cap,
                            &sine, &cosine);
-        p.near = 2.0 * sine * sine;
+        p.cap = 2.0 * sine * sine;
     }
     return p;
 }
@@ -1946,13 +1965,13 @@ static envsamp__polar envsamp__polar_edge(const envsamp__map *map, double y)
 
     if (envsamp__y_edge(map, row) < y || row > map->height)
         return envsamp__polar_at(map, y);
-    p.near = map->cap[row];
+    p.cap = map->cap[row];
     p.south = map->mapping == ENVSAMP_LATLONG
            && y - map->offset > 0.5 * (double)map->image_height;
     return p;
 }
 
-/* From one polar angle to another in 1 - cos theta, each by the pole that it is `near`, as the
+/* From one polar angle to another in 1 - cos theta, each by the cap at the nearer pole, as the
    distance from it: nothing cancels. */
 ENVSAMP__HOT double envsamp__cap_between(double near0, int south0, double near1, int south1)
 {
@@ -1973,7 +1992,7 @@ static double envsamp__rows_sr(const envsamp__map *map, double y0, double y1)
     envsamp__polar a = envsamp__polar_edge(map, y0), b = envsamp__polar_edge(map, y1);
 
     return envsamp__unit_sr((uint32_t)map->mapping) / (double)map->image_width
-         * envsamp__cap_between(a.near, a.south, b.near, b.south);
+         * envsamp__cap_between(a.cap, a.south, b.cap, b.south);
 }
 
 /* The part of row y between y0 and y1. About the middle of the part, at distances of up to h in
@@ -2025,7 +2044,7 @@ static void envsamp__map_angles(envsamp__map *map)
 
     memset(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
     for (y = 0; y <= map->height; y++)
-        map->cap[y] = envsamp__polar_at(map, envsamp__y_edge(map, y)).near;
+        map->cap[y] = envsamp__polar_at(map, envsamp__y_edge(map, y)).cap;
     for (y = 0; y < map->height; y++)
         map->rows[y] = envsamp__part_of_row(map, y, envsamp__y_edge(map, y),
                                             envsamp__y_edge(map, y + 1));
@@ -2201,14 +2220,14 @@ static inline const float *envsamp__line(const envsamp__map *map, int y)
 /* Light, sum of squares and maximum of some cells of a row, solid angle included. */
 typedef struct envsamp__run {
     double sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK];
-    float max[ENVSAMP__CHUNK];
+    float peak[ENVSAMP__CHUNK];
 } envsamp__run;
 
 /* Eight cells one wide between lines of knots a and c. Along a line through the row, the mean over
    its height, and the rise, are linear, so their squares add up as m0 m0 + m0 m1 + m1 m1. */
 static inline void envsamp__bilinear_cells(const float *a, const float *c,
                                            const envsamp__row_part *part, double *sum,
-                                           double *square, float *max)
+                                           double *square, float *peak)
 {
     double at = part->at, spread = part->spread, half = 0.5 * part->sr, third = part->sr / 3.0;
     int x;
@@ -2225,12 +2244,12 @@ static inline void envsamp__bilinear_cells(const float *a, const float *c,
         float left = a[x] > c[x] ? a[x] : c[x];
         float right = a[x + 1] > c[x + 1] ? a[x + 1] : c[x + 1];
 
-        max[x] = left > right ? left : right;
+        peak[x] = left > right ? left : right;
     }
 }
 
 static inline void envsamp__nearest_cells(const float *texel, double sr, double *sum,
-                                          double *square, float *max)
+                                          double *square, float *peak)
 {
     int x;
 
@@ -2241,7 +2260,7 @@ static inline void envsamp__nearest_cells(const float *texel, double sr, double 
         square[x] = sum[x] * value;
     }
     for (x = 0; x < 8; x++)
-        max[x] = texel[x];
+        peak[x] = texel[x];
 }
 
 /* Puts the part from x0 to x1 of cell x in place of a cell one wide. */
@@ -2251,7 +2270,7 @@ static void envsamp__cut_cell(const envsamp__map *map, const float *line,
 {
     const float *a = line + x, *c = a + map->stride;
     double edge = envsamp__x_edge(map, x), width = envsamp__x_edge(map, x + 1) - edge;
-    double s[2], top[2], end[2], mean[2], rise[2], sr = part->sr * (x1 - x0), max = 0.0;
+    double s[2], top[2], end[2], mean[2], rise[2], sr = part->sr * (x1 - x0), peak = 0.0;
     int k;
 
     if (!map->bilinear) {
@@ -2269,13 +2288,13 @@ static void envsamp__cut_cell(const envsamp__map *map, const float *line,
         mean[k] = upper + part->at * rise[k];
         top[k] = upper + part->top * rise[k];
         end[k] = upper + part->end * rise[k];
-        max = envsamp__max(max, envsamp__max(top[k], end[k]));
+        peak = envsamp__max(peak, envsamp__max(top[k], end[k]));
     }
     run->sum[i] = 0.5 * sr * (mean[0] + mean[1]);
     run->square[i] = sr / 3.0 * (mean[0] * mean[0] + mean[0] * mean[1] + mean[1] * mean[1]
                                  + part->spread * (rise[0] * rise[0] + rise[0] * rise[1]
                                                    + rise[1] * rise[1]));
-    run->max[i] = (float)max;
+    run->peak[i] = (float)peak;
 }
 
 /* The maxima of cells of which only a part of the height is meant. */
@@ -2290,7 +2309,7 @@ static void envsamp__cut_max(const float *a, const float *c, const envsamp__row_
         float high = upper > lower ? upper : lower;
 
         if (x > 0)
-            run->max[x - 1] = high > last ? high : last;
+            run->peak[x - 1] = high > last ? high : last;
         last = high;
     }
 }
@@ -2307,10 +2326,10 @@ static inline void envsamp__row_run(const envsamp__map *map, const float *line,
     for (i = 0; i < count; i += 8)          /* some cells too many, that are not meant */
         if (map->bilinear)
             envsamp__bilinear_cells(knot + i, knot + i + map->stride, part, run->sum + i,
-                                    run->square + i, run->max + i);
+                                    run->square + i, run->peak + i);
         else
             envsamp__nearest_cells(knot + i, part->sr, run->sum + i, run->square + i,
-                                   run->max + i);
+                                   run->peak + i);
     if (map->bilinear && (part->top > 0.0 || part->end < 1.0))
         envsamp__cut_max(knot, knot + map->stride, part, count, run);
     for (i = 0; i < count; i += count > 1 ? count - 1 : 1) {
@@ -2328,7 +2347,7 @@ static inline void envsamp__add_run(const envsamp__run *run, int from, int to,
                                     envsamp__moments *total)
 {
     double sum[4] = { 0.0, 0.0, 0.0, 0.0 }, square[4] = { 0.0, 0.0, 0.0, 0.0 };
-    float max = total->max;
+    float peak = total->peak;
     int x, i;
 
     for (x = from; x + 4 <= to; x += 4)
@@ -2341,10 +2360,10 @@ static inline void envsamp__add_run(const envsamp__run *run, int from, int to,
         square[0] += run->square[x];
     }
     for (x = from; x < to; x++)
-        max = run->max[x] > max ? run->max[x] : max;
+        peak = run->peak[x] > peak ? run->peak[x] : peak;
     total->sum += (sum[0] + sum[1]) + (sum[2] + sum[3]);
     total->square += (square[0] + square[1]) + (square[2] + square[3]);
-    total->max = max;
+    total->peak = peak;
 }
 
 /* ---- the pyramid ---- */
@@ -2359,7 +2378,7 @@ static inline void envsamp__sum_runs(envsamp__run *total, const envsamp__run *ru
         total->square[x] += run->square[x];
     }
     for (x = 0; x < count; x++)
-        total->max[x] = run->max[x] > total->max[x] ? run->max[x] : total->max[x];
+        total->peak[x] = run->peak[x] > total->peak[x] ? run->peak[x] : total->peak[x];
 }
 
 static envsamp__rect envsamp__whole_map(const envsamp__map *map)
@@ -2409,7 +2428,7 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
             envsamp__add_run(&total, x, envsamp__min(x + 4, count), &m);
             cell->mean = (float)(m.sum * inverse);
             cell->rms = (float)ENVSAMP_SQRT(m.square * inverse);
-            cell->max = m.max;
+            cell->peak = m.peak;
             integral += m.sum;
         }
     }
@@ -2431,14 +2450,14 @@ static envsamp__cell envsamp__merge_cells(const envsamp__map *map, const envsamp
     double inverse = 1.0 / ((left + right) * (upper + lower));
     double am = (double)a->mean, bm = (double)b->mean, cm = (double)c->mean, dm = (double)d->mean;
     double ar = (double)a->rms, br = (double)b->rms, cr = (double)c->rms, dr = (double)d->rms;
-    float ab = a->max > b->max ? a->max : b->max, cd = c->max > d->max ? c->max : d->max;
+    float ab = a->peak > b->peak ? a->peak : b->peak, cd = c->peak > d->peak ? c->peak : d->peak;
     envsamp__cell cell;
 
     cell.mean = (float)((upper * (left * am + right * bm) + lower * (left * cm + right * dm))
                         * inverse);
     cell.rms = (float)ENVSAMP_SQRT((upper * (left * ar * ar + right * br * br)
                                     + lower * (left * cr * cr + right * dr * dr)) * inverse);
-    cell.max = ab > cd ? ab : cd;
+    cell.peak = ab > cd ? ab : cd;
     return cell;
 }
 
@@ -2552,7 +2571,7 @@ typedef struct envsamp__heap_entry { double key; uint32_t block; int searched; }
 /* Sums along one axis of a block, in bins. */
 typedef struct envsamp__profile {
     double sum[ENVSAMP__PROFILE], square[ENVSAMP__PROFILE], weight[ENVSAMP__PROFILE];
-    float max[ENVSAMP__PROFILE + 1];
+    float peak[ENVSAMP__PROFILE + 1];
 } envsamp__profile;
 
 /* An inner node: cuts at column (axis 0) or row (axis 1) `at`. A child is a node's index, or
@@ -2598,7 +2617,7 @@ static double envsamp__sse(double sr, const envsamp__moments *m)
 static double envsamp__range(const envsamp__map *map, const envsamp__block *b)
 {
     int x0 = (int)b->rect.x0, y0 = (int)b->rect.y0, x, y;
-    float low = b->whole.max;
+    float low = b->whole.peak;
 
     for (y = y0; (double)(y - map->bilinear) < b->rect.y1; y++) {
         const float *knot = envsamp__line(map, y);
@@ -2606,7 +2625,7 @@ static double envsamp__range(const envsamp__map *map, const envsamp__block *b)
         for (x = x0; (double)(x - map->bilinear) < b->rect.x1; x++)
             low = knot[x] < low ? knot[x] : low;
     }
-    return (double)b->whole.max - (double)low;
+    return (double)b->whole.peak - (double)low;
 }
 
 /* ---- edges as tables store them ---- */
@@ -2623,7 +2642,7 @@ static float envsamp__edge_y(const envsamp__map *map, double y)
 {
     envsamp__polar p = envsamp__polar_edge(map, y);
 
-    return p.south ? -(float)p.near : (float)p.near;
+    return p.south ? -(float)p.cap : (float)p.cap;
 }
 
 static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
@@ -2657,9 +2676,9 @@ static double envsamp__storable(const envsamp__map *map, double at, int axis)
         return edge * (double)map->image_height + map->offset;
     p = envsamp__polar_at(map, at);         /* from here a step of Newton's */
     range = ENVSAMP__PI * (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
-    sine = ENVSAMP_SQRT(p.near * (2.0 - p.near));
+    sine = ENVSAMP_SQRT(p.cap * (2.0 - p.cap));
     if (sine > 0.0)
-        at += (p.south ? p.near - edge : edge - p.near)
+        at += (p.south ? p.cap - edge : edge - p.cap)
             / (sine * range / (double)map->image_height);
     return envsamp__clamp(at, map->offset, (double)map->image_height + map->offset);
 }
@@ -2701,7 +2720,7 @@ static void envsamp__profile_clear(envsamp__profile *p, int count)
 
     for (i = 0; i < count; i++) {
         p->sum[i] = p->square[i] = 0.0;
-        p->max[i] = 0.0f;
+        p->peak[i] = 0.0f;
     }
 }
 
@@ -2749,11 +2768,11 @@ static void envsamp__profile_cells(const envsamp__map *map, const envsamp__rect 
                 c->square[at + x] += run.square[x];
             }
             for (x = 0; x < count; x++)
-                c->max[at + x] = run.max[x] > c->max[at + x] ? run.max[x] : c->max[at + x];
+                c->peak[at + x] = run.peak[x] > c->peak[at + x] ? run.peak[x] : c->peak[at + x];
         }
         r->sum[y - w->y0] = row.sum;
         r->square[y - w->y0] = row.square;
-        r->max[y - w->y0] = row.max;
+        r->peak[y - w->y0] = row.peak;
     }
 }
 
@@ -2767,17 +2786,17 @@ typedef struct envsamp__bins {
 } envsamp__bins;
 
 static inline void envsamp__add_moments(const envsamp__bins *bins, int x, int y, double sum,
-                                        double square, float max)
+                                        double square, float peak)
 {
     envsamp__profile *c = bins->columns, *r = bins->rows;
     int column = (x >> bins->shift_x) - bins->x0, row = (y >> bins->shift_y) - bins->y0;
 
     c->sum[column] += sum;
     c->square[column] += square;
-    c->max[column] = max > c->max[column] ? max : c->max[column];
+    c->peak[column] = peak > c->peak[column] ? peak : c->peak[column];
     r->sum[row] += sum;
     r->square[row] += square;
-    r->max[row] = max > r->max[row] ? max : r->max[row];
+    r->peak[row] = peak > r->peak[row] ? peak : r->peak[row];
 }
 
 /* Adds cells [x0, x1) of a row of level 0, or what of them is inside. */
@@ -2796,7 +2815,7 @@ static void envsamp__add_row(const envsamp__map *map, int y, int x0, int x1,
             envsamp__moments m = { 0.0, 0.0, 0.0f };
 
             envsamp__add_run(&run, x - x0, next - x0, &m);
-            envsamp__add_moments(bins, x, y, m.sum, m.square, m.max);
+            envsamp__add_moments(bins, x, y, m.sum, m.square, m.peak);
             x = next;
         }
         x0 = end;
@@ -2854,7 +2873,7 @@ static int envsamp__add_cells(const envsamp__map *map, int k, int y, int x0, int
             stack[top++].cells = envsamp__parts(map, k, x, y);
         } else if (inside > 0.0) {
             envsamp__add_moments(bins, envsamp__max_int(x << level->shift, (int)rect->x0),
-                                 (int)upper, sum, square, cell[x].max);
+                                 (int)upper, sum, square, cell[x].peak);
         }
     }
     return top;
@@ -2998,7 +3017,7 @@ static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int 
     for (i = from; i < to; i++) {
         m.sum += p->sum[i];
         m.square += p->square[i];
-        m.max = p->max[i] > m.max ? p->max[i] : m.max;
+        m.peak = p->peak[i] > m.peak ? p->peak[i] : m.peak;
     }
     return m;
 }
@@ -3124,13 +3143,13 @@ static envsamp__window envsamp__fine_profile(envsamp__tree *tree, int bits,
         envsamp__add_run(&run, 0, w.x1 - w.x0, &row);
         tree->rows->sum[j - w.y0] = row.sum;
         tree->rows->square[j - w.y0] = row.square;
-        tree->rows->max[j - w.y0] = row.max;
+        tree->rows->peak[j - w.y0] = row.peak;
         tree->rows->weight[j - w.y0] = part.sr;
         for (i = 0; i < w.x1 - w.x0; i++) {
             tree->columns->sum[i] += run.sum[i];
             tree->columns->square[i] += run.square[i];
-            if (run.max[i] > tree->columns->max[i])
-                tree->columns->max[i] = run.max[i];
+            if (run.peak[i] > tree->columns->peak[i])
+                tree->columns->peak[i] = run.peak[i];
         }
     }
     return w;
@@ -3347,10 +3366,10 @@ static double envsamp__trapezoid(const envsamp__map *map, int x, double x0, doub
 static double envsamp__row_light(const envsamp__map *map, int y, double upper, double lower,
                                  const envsamp__rect *r, const envsamp__window *w)
 {
-    const float small = 1.0f / 1024.0f;     /* FLT_MAX in every texel does not overflow */
+    const float shrink = 1.0f / 1024.0f;     /* FLT_MAX in every texel does not overflow */
     const float *a = envsamp__line(map, y) + w->x0;
     const float *c = a + (map->bilinear ? map->stride : 0);
-    float up = small * (float)upper, down = small * (float)lower;
+    float up = shrink * (float)upper, down = shrink * (float)lower;
     float lane[4] = { 0.0f, 0.0f, 0.0f, 0.0f };
     int last = w->x1 - w->x0 - 1, end = last + map->bilinear, b = map->bilinear, x, i;
     double sum, ends[2], right = w->x0 + 1 < w->x1 ? (double)(w->x0 + 1) : r->x1;
@@ -3369,7 +3388,7 @@ static double envsamp__row_light(const envsamp__map *map, int y, double upper, d
     sum += (double)((lane[0] + lane[1]) + (lane[2] + lane[3]));
     if (b && last > 0)              /* knots at both ends belong to one of these cells, not two */
         sum -= 0.5 * (double)((up * a[1] + down * c[1]) + (up * a[last] + down * c[last]));
-    return sum / (double)small;
+    return sum / (double)shrink;
 }
 
 /* Light of each row of cells of a rectangle. */
@@ -3393,7 +3412,7 @@ static void envsamp__row_sums(const envsamp__map *map, const envsamp__rect *r,
 static void envsamp__column_sums(const envsamp__map *map, const envsamp__rect *r,
                                  const envsamp__window *w, float *line, double *sum)
 {
-    const float small = 1.0f / 1024.0f;
+    const float shrink = 1.0f / 1024.0f;
     int width = w->x1 - w->x0, knots = width + map->bilinear, x, y;
 
     for (x = 0; x < knots; x++)
@@ -3401,7 +3420,7 @@ static void envsamp__column_sums(const envsamp__map *map, const envsamp__rect *r
     for (y = w->y0; y < w->y1; y++) {
         const float *a = envsamp__line(map, y) + w->x0, *c = a + map->stride;
         envsamp__row_part part = envsamp__row_within(map, y, r);
-        float up = small * (float)(part.sr * (1.0 - part.at)), down = small * (float)part.sr;
+        float up = shrink * (float)(part.sr * (1.0 - part.at)), down = shrink * (float)part.sr;
 
         if (map->bilinear) {
             down *= (float)part.at;
@@ -3417,7 +3436,7 @@ static void envsamp__column_sums(const envsamp__map *map, const envsamp__rect *r
         double right = (double)(w->x0 + x + 1) < r->x1 ? (double)(w->x0 + x + 1) : r->x1;
 
         sum[x] = envsamp__trapezoid(map, w->x0 + x, left, right, (double)line[x],
-                                    (double)line[x + map->bilinear], ends) / (double)small;
+                                    (double)line[x + map->bilinear], ends) / (double)shrink;
     }
 }
 
@@ -3456,10 +3475,10 @@ static double envsamp__median_in_row(const envsamp__map *map, const envsamp__rec
     double wanted = c->f * part.sr * (a + part.at * rise), y, light[2], size[2];
 
     for (i = 0; i < 2; i++) {
-        double at = i ? c->high : c->low, near = envsamp__polar_edge(map, at).near;
+        double at = i ? c->high : c->low, cap = envsamp__polar_edge(map, at).cap;
 
         light[i] = a + (at - edge) / high * rise;
-        size[i] = map->mapping == ENVSAMP_OCTAHEDRAL ? 1.0 : ENVSAMP_SQRT(near * (2.0 - near));
+        size[i] = map->mapping == ENVSAMP_OCTAHEDRAL ? 1.0 : ENVSAMP_SQRT(cap * (2.0 - cap));
     }
     y = c->low + envsamp__share_at(light, size, c->f) * (c->high - c->low);
     for (i = 0; i < 2; i++) {
@@ -3521,7 +3540,7 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
         if (cells && axis) {
             envsamp__row_sums(map, &r, &w, profile->sum);
         } else if (cells) {
-            envsamp__column_sums(map, &r, &w, profile->max, profile->sum);
+            envsamp__column_sums(map, &r, &w, profile->peak, profile->sum);
         } else {
             bins.x0 = axis ? 0 : w.x0;
             bins.y0 = axis ? w.y0 : 0;
@@ -3538,7 +3557,7 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
                            *high, c.before, half);
         if (cells)
             return axis ? envsamp__median_in_row(map, &r, &w, &c)
-                        : envsamp__median_in_column(map, &w, profile->max, &c);
+                        : envsamp__median_in_column(map, &w, profile->peak, &c);
         if (k == 0)
             return c.low + c.f * (c.high - c.low);
         *low = c.low;
@@ -4033,29 +4052,29 @@ static inline uint32_t envsamp__bin(uint32_t own, uint32_t alias, int shift)
 static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t *bins,
                                  uint32_t *stack)
 {
-    uint32_t bin_count = 1u << (24 - shift), room = 1u << shift, small = 0, large = bin_count, i;
+    uint32_t bin_count = 1u << (24 - shift), room = 1u << shift, light = 0, heavy = bin_count, i;
 
     for (i = 0; i < bin_count; i++) {
         uint32_t own = i < (uint32_t)count ? draws[i] : 0;
 
         if (own < room)
-            stack[small++] = i;
+            stack[light++] = i;
         else
-            stack[--large] = i;
+            stack[--heavy] = i;
     }
-    while (small > 0) {
-        uint32_t bin = stack[--small], donor = stack[large];
+    while (light > 0) {
+        uint32_t bin = stack[--light], donor = stack[heavy];
         uint32_t own = bin < (uint32_t)count ? draws[bin] : 0;
 
         bins[bin] = envsamp__bin(own, donor, shift);
         draws[donor] -= room - own;
         if (draws[donor] < room) {
-            stack[small++] = donor;
-            large++;
+            stack[light++] = donor;
+            heavy++;
         }
     }
-    for (; large < bin_count; large++)
-        bins[stack[large]] = envsamp__bin(room, stack[large], shift);
+    for (; heavy < bin_count; heavy++)
+        bins[stack[heavy]] = envsamp__bin(room, stack[heavy], shift);
 }
 
 /* ============================================================================================
@@ -4109,7 +4128,7 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  * ========================================================================================== */
 
 #define ENVSAMP__KD_MAGIC 0x444b5345u   /* "ESKD" in memory */
-#define ENVSAMP__KD_VERSION 3u
+#define ENVSAMP__KD_VERSION 4u
 #define ENVSAMP__INNER 0x80000000u      /* of a link: not a density */
 
 typedef struct envsamp__edges { float x0, x1, y0, y1; } envsamp__edges;
@@ -4244,13 +4263,13 @@ static float envsamp__polar_of(double north, double south)
 /* The cut of a node at an edge as a table stores it. */
 static float envsamp__node_cut(uint32_t mapping, float edge, int axis)
 {
-    double near = (double)ENVSAMP_FABSF(edge), far = 2.0 - near;
+    double cap = (double)ENVSAMP_FABSF(edge), rest = 2.0 - cap;
 
     if (mapping == ENVSAMP_OCTAHEDRAL)
         return axis ? -2.0f * edge : 4.0f * edge;
     if (axis == 0)
         return envsamp__azimuth_edge((double)edge);
-    return envsamp__sign(edge) ? -envsamp__polar_of(far, near) : -envsamp__polar_of(near, far);
+    return envsamp__sign(edge) ? -envsamp__polar_of(rest, cap) : -envsamp__polar_of(cap, rest);
 }
 
 /* Solid angle between stored edges: what samples of the block really fill. */
@@ -4348,7 +4367,7 @@ typedef struct envsamp__warp_writer {
 /* Weight of a block that is lit, however little: zero would leave its light unsampled. */
 static double envsamp__lit_weight(const envsamp__block *block, double weight)
 {
-    return block->whole.max > 0.0f && weight < DBL_MIN ? DBL_MIN : weight;
+    return block->whole.peak > 0.0f && weight < DBL_MIN ? DBL_MIN : weight;
 }
 
 static double envsamp__block_q(const envsamp__block *b)
@@ -4390,7 +4409,7 @@ static envsamp__moments envsamp__subtree_moments(const envsamp__tree *tree, uint
             const envsamp__moments *part = &tree->blocks[link & ~ENVSAMP__LEAF].whole;
 
             m.square += part->square;
-            m.max = part->max > m.max ? part->max : m.max;
+            m.peak = part->peak > m.peak ? part->peak : m.peak;
         } else {
             stack[top++] = tree->cuts[link].child[1];
             stack[top++] = tree->cuts[link].child[0];
@@ -4411,7 +4430,7 @@ static void envsamp__write_leaf(envsamp__warp_writer *w, const envsamp__part *p)
     w->leaf_count++;
     if (pdf > 0.0f) {
         w->second += m.square / (double)pdf;
-        w->max_ratio = envsamp__max(w->max_ratio, (double)m.max / ((double)pdf
+        w->max_ratio = envsamp__max(w->max_ratio, (double)m.peak / ((double)pdf
                                                                    * w->tree->map->integral));
     }
 }
@@ -4629,12 +4648,12 @@ typedef struct envsamp__row { float north, south; } envsamp__row;
 
 ENVSAMP__HOT envsamp__row envsamp__edge_row(float y)
 {
-    float near = ENVSAMP_FABSF(y), far = 2.0f - near;
+    float cap = ENVSAMP_FABSF(y), rest = 2.0f - cap;
     int south = envsamp__sign(y);
     envsamp__row row;
 
-    row.north = south ? far : near;
-    row.south = south ? near : far;
+    row.north = south ? rest : cap;
+    row.south = south ? cap : rest;
     return row;
 }
 
@@ -4907,7 +4926,7 @@ struct envsamp_kd_job {
 static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
                               const envsamp_kd_desc *desc, envsamp__arena *arena)
 {
-    int bilinear = desc->bilinear != 0;
+    int bilinear = !desc->nearest;
     uint64_t cells = ((uint64_t)image->width + (uint64_t)bilinear)
                    * ((uint64_t)image->height + (uint64_t)bilinear);
     uint64_t count = cells < (uint64_t)desc->block_count ? cells : (uint64_t)desc->block_count;
@@ -4953,11 +4972,12 @@ static envsamp_result envsamp__kd_check(const envsamp_image *image, const envsam
     if (result != ENVSAMP_OK)
         return result;
     if (desc->block_count < 1 || desc->block_count > 1048576
-        || (int)desc->select < 0 || desc->select > ENVSAMP_KD_FIT
-        || (int)desc->criterion < 0 || desc->criterion > ENVSAMP_KD_EXCESS
-        || (int)desc->model < 0 || desc->model > ENVSAMP_KD_POWER
-        || (int)desc->objective < 0 || desc->objective > ENVSAMP_KD_CHI2
-        || !(desc->mis_compensation >= 0.0f && desc->mis_compensation <= 1.0f))
+        || (uint32_t)desc->select > ENVSAMP_KD_FIT
+        || (uint32_t)desc->criterion > ENVSAMP_KD_RANGE
+        || (uint32_t)desc->model > ENVSAMP_KD_POWER
+        || (uint32_t)desc->objective > ENVSAMP_KD_CHI2
+        || !envsamp__in_range(desc->mis_compensation, 0.0f, 1.0f) || desc->facing
+        || !envsamp__is_zero(desc->excess_target) || !envsamp__is_zero(desc->importance_exponent))
         return ENVSAMP_ERR_PARAM;
     return ENVSAMP_OK;
 }
@@ -5054,7 +5074,7 @@ static void envsamp__write_blocks(const envsamp_kd_job *job, envsamp_kd *kd)
             probability = (double)FLT_MIN * sr;
         }
         if (probability > 0.0) {
-            double ratio = (double)b->whole.max * sr / (probability * integral);
+            double ratio = (double)b->whole.peak * sr / (probability * integral);
 
             second += sr * b->whole.square / probability;
             kd->max_ratio = envsamp__max(kd->max_ratio, ratio);
@@ -5126,17 +5146,20 @@ static void envsamp__choose(envsamp_kd_job *job)
     }
 }
 
-ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void)
+/* A description with the numbers that its zeros mean. */
+static envsamp_kd_desc envsamp__kd_filled(const envsamp_kd_desc *desc)
 {
-    envsamp_kd_desc desc;
+    envsamp_kd_desc filled;
 
-    memset(&desc, 0, sizeof desc);
-    desc.block_count = 6144;
-    desc.select = ENVSAMP_KD_WARP;
-    desc.criterion = ENVSAMP_KD_EXCESS;
-    desc.bilinear = 1;
-    return desc;
+    memset(&filled, 0, sizeof filled);
+    if (desc)
+        filled = *desc;
+    if (filled.block_count == 0)
+        filled.block_count = 6144;
+    return filled;
 }
+
+ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void) { return envsamp__kd_filled(NULL); }
 
 /* What a table says of its build from the start. */
 static void envsamp__kd_head(envsamp_kd *kd, const envsamp_image *image,
@@ -5150,13 +5173,13 @@ static void envsamp__kd_head(envsamp_kd *kd, const envsamp_image *image,
     kd->mapping = image->mapping;
     kd->width = (uint32_t)image->width;
     kd->height = (uint32_t)image->height;
-    kd->bilinear = desc->bilinear != 0;
+    kd->bilinear = !desc->nearest;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_sizes *sizes)
 {
-    envsamp_kd_desc defaults = envsamp_kd_defaults();
+    envsamp_kd_desc filled = envsamp__kd_filled(desc);
     envsamp__arena arena = { NULL, 0 };
     envsamp_kd_job job;
     envsamp_result result;
@@ -5167,14 +5190,13 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     sizes->table_bytes = sizes->scratch_bytes = 0;
     if (!image)
         return ENVSAMP_ERR_NULL;
-    desc = desc ? desc : &defaults;
-    result = envsamp__kd_check(image, desc);
+    result = envsamp__kd_check(image, &filled);
     if (result != ENVSAMP_OK)
         return result;
-    envsamp__kd_carve(&job, image, desc, &arena);
+    envsamp__kd_carve(&job, image, &filled, &arena);
     if (arena.used > SIZE_MAX)
         return ENVSAMP_ERR_SIZE;
-    envsamp__kd_head(&layout, image, desc);
+    envsamp__kd_head(&layout, image, &filled);
     layout.block_count = (uint32_t)job.block_limit;
     layout.tile_bits_x = (uint32_t)envsamp__most_tile_bits(job.block_limit);
     envsamp__kd_layout(&layout);
@@ -5200,7 +5222,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
                                             envsamp_buffer table, envsamp_buffer scratch,
                                             envsamp_kd_job **job)
 {
-    envsamp_kd_desc defaults = envsamp_kd_defaults();
+    envsamp_kd_desc filled = envsamp__kd_filled(desc);
     envsamp__arena arena = { NULL, 0 };
     envsamp_sizes sizes;
     envsamp_result result;
@@ -5209,8 +5231,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
     if (!job)
         return ENVSAMP_ERR_NULL;
     *job = NULL;
-    desc = desc ? desc : &defaults;
-    result = envsamp_kd_sizes(image, desc, &sizes);
+    result = envsamp_kd_sizes(image, &filled, &sizes);
     if (result == ENVSAMP_OK && !image->pixels && !fn)
         result = ENVSAMP_ERR_NULL;
     if (result == ENVSAMP_OK)
@@ -5218,12 +5239,12 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
     if (result != ENVSAMP_OK)
         return result;
     arena.base = (char *)scratch.data;
-    envsamp__kd_carve(work, image, desc, &arena);
+    envsamp__kd_carve(work, image, &filled, &arena);
     work->kd = (envsamp_kd *)table.data;
-    envsamp__kd_head(work->kd, image, desc);
+    envsamp__kd_head(work->kd, image, &filled);
     work->source.fn = fn;
     work->source.user = user;
-    work->source.strict = desc->strict;
+    work->source.strict = filled.strict;
     work->phase = envsamp__source_surveys(&work->source) ? ENVSAMP__DO_SURVEY : ENVSAMP__DO_ROWS;
     envsamp__map_angles(&work->map);
     *job = work;
@@ -5377,7 +5398,7 @@ static int envsamp__kd_header_valid(const envsamp_kd *kd, size_t bytes)
         || kd->select > ENVSAMP_KD_FIT || kd->tile_bits_x > 10 || kd->tile_bits_y > 10
         || (kd->select != ENVSAMP_KD_WARP && kd->tile_bits_x + kd->tile_bits_y > 0)
         || kd->block_count >> (kd->tile_bits_x + kd->tile_bits_y) < 1
-        || kd->model > ENVSAMP_KD_POWER || kd->criterion > ENVSAMP_KD_EXCESS
+        || kd->model > ENVSAMP_KD_POWER || kd->criterion > ENVSAMP_KD_RANGE
         || kd->mapping > ENVSAMP_OCTAHEDRAL || kd->bilinear > 1
         || !(kd->mis_compensation >= 0.0f && kd->mis_compensation <= 1.0f)
         || kd->width < 1 || kd->width > 65535 || kd->height < 1 || kd->height > 65535
@@ -5651,7 +5672,7 @@ ENVSAMP__MATH double envsamp__exact_turn(double y, double x)
 }
 
 /* A direction as edges are stored, in double: u, and the polar angle by its nearer pole. */
-typedef struct envsamp__exact { double x, near; int south; } envsamp__exact;
+typedef struct envsamp__exact { double x, cap; int south; } envsamp__exact;
 
 ENVSAMP__MATH envsamp__exact envsamp__exact_place(uint32_t mapping, const float dir[3])
 {
@@ -5659,18 +5680,18 @@ ENVSAMP__MATH envsamp__exact envsamp__exact_place(uint32_t mapping, const float 
     double length = ENVSAMP_SQRT(x * x + y * y + z * z), r, b;
     envsamp__exact e;
 
-    e.near = (x * x + y * y) / (length * (length + ENVSAMP__FABS(z)));
+    e.cap = (x * x + y * y) / (length * (length + ENVSAMP__FABS(z)));
     e.south = z < 0.0;
     if (mapping != ENVSAMP_OCTAHEDRAL) {
         e.x = envsamp__exact_turn(y, x);
         return e;
     }
-    r = ENVSAMP_SQRT(e.near);           /* |2 u - 1| + |2 v - 1| above the equator */
+    r = ENVSAMP_SQRT(e.cap);           /* |2 u - 1| + |2 v - 1| above the equator */
     b = 4.0 * envsamp__exact_turn(ENVSAMP__FABS(y), ENVSAMP__FABS(x)) * r;
     e.x = e.south ? 1.0 - b : r - b;
-    e.near = e.south ? 1.0 - (r - b) : b;
+    e.cap = e.south ? 1.0 - (r - b) : b;
     e.x = 0.5 * (x < 0.0 ? 1.0 - e.x : 1.0 + e.x);
-    e.near = 0.5 * (y < 0.0 ? 1.0 - e.near : 1.0 + e.near);
+    e.cap = 0.5 * (y < 0.0 ? 1.0 - e.cap : 1.0 + e.cap);
     e.south = 0;
     return e;
 }
@@ -5692,7 +5713,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     if (kd->select != ENVSAMP_KD_WARP || !d.valid)
         return 0;
     e = envsamp__exact_place(kd->mapping, dir);
-    polar = e.south ? -(float)e.near : (float)e.near;
+    polar = e.south ? -(float)e.cap : (float)e.cap;
     tile = envsamp__tile_at(kd, d.azimuth, d.polar);
     memcpy(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
     link = envsamp__words(kd, kd->roots_at)[tile];
@@ -5715,7 +5736,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
                             (e.x - (double)edge[0]) / ((double)edge[1] - (double)edge[0]));
     u[1] = envsamp__invert_between(
         (uint32_t)tile >> kd->tile_bits_x, kd->tile_bits_y, cut[2], cut[3],
-        envsamp__cap_between(top, envsamp__sign(edge[2]), e.near, e.south)
+        envsamp__cap_between(top, envsamp__sign(edge[2]), e.cap, e.south)
         / envsamp__cap_between(top, envsamp__sign(edge[2]), end, envsamp__sign(edge[3])));
     return 1;
 }
@@ -5900,7 +5921,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_
     info->l1 = kd->l1;
     info->bad_pixel_count = (size_t)kd->bad_pixel_count;
     info->mis_compensation = kd->mis_compensation;
-    info->bilinear = (int)kd->bilinear;
+    info->nearest = !kd->bilinear;
     info->mapping = (envsamp_mapping)kd->mapping;
     return ENVSAMP_OK;
 }
@@ -6047,7 +6068,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
  * ========================================================================================== */
 
 #define ENVSAMP__CDF_MAGIC 0x434b5345u      /* "ESKC" in memory */
-#define ENVSAMP__CDF_VERSION 2u
+#define ENVSAMP__CDF_VERSION 3u
 #define ENVSAMP__PARTS 0x1000000u           /* 2^24 */
 #define ENVSAMP__WALK 4                     /* edges compared without a branch */
 #define ENVSAMP__CDF_SUMMED 131072          /* bytes of the checksum in one step */
@@ -6205,13 +6226,13 @@ struct envsamp_cdf_job {
     double *cell_square;            /* of each cell of a row, in units of its width, and its */
     float *cell_max;                /* maximum */
     double *mass;                   /* of each row */
-    double *square, *max;           /* of each row: sum of L L / parts, largest L / parts */
+    double *square, *peak;           /* of each row: sum of L L / parts, largest L / parts */
 };
 
 static void envsamp__cdf_carve(envsamp_cdf_job *job, const envsamp_image *image,
                                const envsamp_cdf_desc *desc, envsamp__arena *arena)
 {
-    int bilinear = desc->bilinear != 0;
+    int bilinear = !desc->nearest;
     uint64_t rows = (uint64_t)image->height + (uint64_t)bilinear;
 
     memset(job, 0, sizeof *job);
@@ -6223,7 +6244,7 @@ static void envsamp__cdf_carve(envsamp_cdf_job *job, const envsamp_image *image,
     job->cell_max = (float *)envsamp__take(arena, (uint64_t)job->map.width, sizeof(float));
     job->mass = (double *)envsamp__take(arena, rows, sizeof(double));
     job->square = (double *)envsamp__take(arena, rows, sizeof(double));
-    job->max = (double *)envsamp__take(arena, rows, sizeof(double));
+    job->peak = (double *)envsamp__take(arena, rows, sizeof(double));
 }
 
 /* Arrays end where the next one begins, but for a gap: nothing in a table is left to chance. */
@@ -6299,7 +6320,7 @@ static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y)
             square[x] = run.square[x];
             sum += run.sum[x];
         }
-        memcpy(job->cell_max + x0, run.max, (size_t)count * sizeof(float));
+        memcpy(job->cell_max + x0, run.peak, (size_t)count * sizeof(float));
     }
     for (x = 0; x < map->width && map->bilinear; x += map->width - 1) {    /* are half as wide */
         job->weight[x] *= ENVSAMP_SQRT(0.5);
@@ -6317,7 +6338,7 @@ static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
                     + (size_t)y * ((size_t)cdf->width + ENVSAMP__WALK);
     uint16_t *guide = (uint16_t *)(void *)((char *)cdf + cdf->guide_at)
                     + ((size_t)y << cdf->guide_bits);
-    double square = 0.0, max = 0.0;
+    double square = 0.0, peak = 0.0;
     uint32_t x;
 
     envsamp__cdf_weigh_row(job, y);
@@ -6328,10 +6349,10 @@ static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
         double inverse = parts ? 1.0 / (double)(int)parts : 0.0;
 
         square += job->cell_square[x] * inverse;
-        max = envsamp__max(max, (double)job->cell_max[x] * inverse);
+        peak = envsamp__max(peak, (double)job->cell_max[x] * inverse);
     }
     job->square[y] = square;
-    job->max[y] = max;
+    job->peak[y] = peak;
 }
 
 /* Density of a part of a row with texels of `sr` each. It is the solid angle of the map, not that
@@ -6349,7 +6370,7 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     const envsamp__map *map = &job->map;
     envsamp__cdf_row *rows = (envsamp__cdf_row *)(void *)((char *)cdf + cdf->rows_at);
     uint32_t *edges = (uint32_t *)(void *)((char *)cdf + cdf->row_edges_at);
-    double second = 0.0, max = 0.0;
+    double second = 0.0, peak = 0.0;
     int height = (int)cdf->height, y;
 
     envsamp__cdf_share(job->mass, cdf->height, edges);
@@ -6369,10 +6390,10 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
             continue;
         rows[y].density = (float)envsamp__cdf_row_density(edges + y, map->rows[y].sr);
         second += job->square[y] / (double)rows[y].density;
-        max = envsamp__max(max, job->max[y] / (double)rows[y].density);
+        peak = envsamp__max(peak, job->peak[y] / (double)rows[y].density);
     }
     cdf->excess_variance = envsamp__excess(second, map->integral);
-    cdf->max_ratio = max / map->integral;
+    cdf->max_ratio = peak / map->integral;
 }
 
 /* The row that holds the beginning of each cell of the polar coordinate. */
@@ -6434,7 +6455,6 @@ ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
     envsamp_cdf_desc desc;
 
     memset(&desc, 0, sizeof desc);
-    desc.bilinear = 1;
     return desc;
 }
 
@@ -6445,7 +6465,7 @@ static void envsamp__cdf_head(envsamp_cdf *cdf, const envsamp_image *image,
     memset(cdf, 0, sizeof *cdf);
     cdf->version = ENVSAMP__CDF_VERSION;
     cdf->mapping = image->mapping;
-    cdf->bilinear = desc->bilinear != 0;
+    cdf->bilinear = !desc->nearest;
     cdf->image_width = (uint32_t)image->width;
     cdf->image_height = (uint32_t)image->height;
     envsamp__cdf_layout(cdf);
@@ -6469,7 +6489,8 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
     result = envsamp__image_check(image);
     if (result != ENVSAMP_OK)
         return result;
-    if (!(desc->mis_compensation >= 0.0f && desc->mis_compensation <= 1.0f))
+    if (!envsamp__in_range(desc->mis_compensation, 0.0f, 1.0f)
+        || !envsamp__is_zero(desc->importance_exponent))
         return ENVSAMP_ERR_PARAM;
     envsamp__cdf_carve(&job, image, desc, &arena);
     envsamp__cdf_head(&layout, image, desc);
@@ -6697,7 +6718,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_get_info(const envsamp_cdf *cdf, envsamp_
     info->max_ratio = cdf->max_ratio;
     info->bad_pixel_count = (size_t)cdf->bad_pixel_count;
     info->mis_compensation = cdf->mis_compensation;
-    info->bilinear = (int)cdf->bilinear;
+    info->nearest = !cdf->bilinear;
     info->mapping = (envsamp_mapping)cdf->mapping;
     return ENVSAMP_OK;
 }
@@ -6901,7 +6922,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
     y0 = envsamp__cdf_row_edge(row);
     y1 = envsamp__cdf_row_edge(row + 1);
     top = (double)ENVSAMP_FABSF(y0);
-    f = envsamp__cap_between(top, envsamp__sign(y0), e.near, e.south)
+    f = envsamp__cap_between(top, envsamp__sign(y0), e.cap, e.south)
       / envsamp__cap_between(top, envsamp__sign(y0), (double)ENVSAMP_FABSF(y1),
                              envsamp__sign(y1));
     u[1] = envsamp__cdf_number(row_edge, f);
@@ -7046,7 +7067,7 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
  *       - 4                                    0.19   0.105  0.051  0.0119 0.0034    1.39
  *     - bands, nothing below: as it is         0.17   0.085  0.046  0.0108 0.0024    1.44
  *
- * (From Hilbert's curve on with `repeat`. Without it the last line ends 0.0122, 0.0062, 2.03.)
+ * (From Hilbert's curve on without `once`. With it the last line ends 0.0122, 0.0062, 2.03.)
  * What goes below makes the mean over seeds wrong: with 256 samples and 256 seeds by 0.0025 where
  * it is a tenth, 0.0010 a hundredth, 0.0007 nothing, which is the noise of so many seeds.
  *
@@ -7076,8 +7097,8 @@ typedef struct envsamp__halftone {
     const envsamp__grain *grain;
     const envsamp_halftone_desc *desc;
     envsamp_texel *texels;
-    int wanted, chosen, repeat;
-    int64_t lit;                /* texels above zero that are still to come; not with repeat */
+    int wanted, chosen, once;
+    int64_t lit;                /* texels above zero that are still to come; with `once` */
     double total;               /* S */
     double error;               /* importance that was passed and not yet chosen */
     double threshold, quantum;  /* choose where error is above the one, and take off the other */
@@ -7301,7 +7322,7 @@ static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value
 /* Whether so many lit texels are too few for the samples that are missing. */
 static int envsamp__is_short(const envsamp__halftone *h, int64_t lit)
 {
-    return !h->repeat && lit < h->wanted - h->chosen;
+    return h->once && lit < h->wanted - h->chosen;
 }
 
 static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
@@ -7314,7 +7335,7 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
     h->lit--;
     while (h->chosen < h->wanted && (h->error > h->threshold || envsamp__is_short(h, h->lit))) {
         envsamp__take_texel(h, x, y, value);
-        if (!h->repeat)
+        if (h->once)
             break;
     }
 }
@@ -7519,7 +7540,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
 
     memset(h, 0, sizeof *h);
     h->desc = desc;
-    h->repeat = desc->repeat || desc->kernel == ENVSAMP_KERNEL_RANDOM;
+    h->once = desc->once && desc->kernel != ENVSAMP_KERNEL_RANDOM;
     envsamp__set_kernel(h);
     envsamp__lay_cells(h, width, height);
     for (i = 0; i < h->rows; i++)
@@ -7548,7 +7569,7 @@ static void envsamp__set_pace(envsamp__halftone *h)
     h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
 }
 
-/* With `repeat`, error that ends up in black cells leaves samples out, and rounding may leave all
+/* Without `once`, error that ends up in black cells leaves samples out, and rounding may leave all
    of them, in a map of denormals. */
 static void envsamp__take_rest(envsamp__halftone *h)
 {
@@ -7694,7 +7715,7 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
         return result;
     arena.base = (char *)scratch.data;
     envsamp__halftone_carve(&h, desc, width, height, &arena);
-    wanted = desc->repeat || lit > desc->count ? desc->count : (int)lit;
+    wanted = !desc->once || lit > desc->count ? desc->count : (int)lit;
     envsamp__halftone_scan(&h, &grain, total, lit, wanted, texels);
     *count = wanted;
     return ENVSAMP_OK;
@@ -9133,7 +9154,7 @@ static void envsamp__find_emission(envsamp__emission *e, const envsamp_lights_de
     double limit = envsamp__max((double)desc->lambda * e->total / e->total_sr,
                                 (double)desc->gamma * (double)e->brightest);
 
-    envsamp__split_emission(e, envsamp__to_float(limit));
+    envsamp__split_emission(e, envsamp__to_float(envsamp__max(limit, 0.0)));
     if (e->sr[0] < target)
         envsamp__split_emission(e, envsamp__percentile(e, e->threshold, e->sr[0], target));
 }
@@ -9175,17 +9196,18 @@ static void envsamp__decomposition_carve(envsamp__decomposition *d, envsamp__rel
 static void envsamp__set_reach(envsamp__decomposition *d)
 {
     const envsamp__squares *s = &d->direct->squares;
-    double cosine = 1.0 - 2.0 * (double)d->desc->mask_scale / (double)d->desc->count, sine, c;
+    double scale = envsamp__max((double)d->desc->mask_scale, 0.0), sine, c;
+    double cosine = 1.0 - 2.0 * scale / (double)d->desc->count;
     double across = 2.0 * (double)s->side * (1.0 / (double)s->image->width
                                              + 1.0 / (double)s->image->height);
 
-    d->near_cosine = d->desc->mask_scale > 0.0f ? cosine : 2.0;
+    d->near_cosine = scale > 0.0 ? cosine : 2.0;
     d->reach_cosine = d->far_cosine = -2.0;
     if (cosine > 0.0 && across < 0.5) {
         envsamp__sincos_pi(across, &sine, &c);
         d->reach_cosine = cosine * c - ENVSAMP_SQRT(1.0 - cosine * cosine) * sine;
     }
-    if (cosine > 0.0 && d->desc->mask_scale > 0.0f && d->emission.luminance[0] > 0.0)
+    if (cosine > 0.0 && scale > 0.0 && d->emission.luminance[0] > 0.0)
         d->far_cosine = envsamp__clamp(2.0 * cosine * cosine - 1.0, -1.0,
                                        1.0 - 1e-6);     /* a texel is not far from itself */
 }
@@ -9722,7 +9744,6 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
     l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM
                             ? ENVSAMP_KERNEL_RANDOM : ENVSAMP_KERNEL_SZIRMAY;
     l->halftone_desc.seed = desc->seed;
-    l->halftone_desc.repeat = 1;
     envsamp__halftone_carve(&l->halftone, &l->halftone_desc, image->width, image->height, arena);
     if (desc->method == ENVSAMP_LIGHTS_RELAXED)
         envsamp__relaxation_carve(&l->relaxation, image, &l->grain, desc->count, arena);
@@ -9854,51 +9875,60 @@ static void envsamp__choose_lights(envsamp__lights *l, envsamp_light *lights)
     envsamp__make_lights(l, lights);
 }
 
-ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void)
+static float envsamp__or(float value, float otherwise)
 {
-    envsamp_lights_desc desc;
-
-    memset(&desc, 0, sizeof desc);
-    desc.count = 32;
-    desc.method = ENVSAMP_LIGHTS_RELAXED;
-    desc.percentile = 0.98f;
-    desc.lambda = 3.0f;
-    desc.gamma = 0.001f;
-    desc.mask_scale = 0.15f;
-    desc.weight_variance = 1.0f;
-    desc.weight_extent = 5.0f;
-    desc.weight_energy = 1.0f;
-    desc.refine_rounds = 64;
-    return desc;
+    return envsamp__is_zero(value) ? otherwise : value;
 }
 
-static int envsamp__in_range(float value, float most)
+/* A description with the numbers that its zeros mean. */
+static envsamp_lights_desc envsamp__lights_filled(const envsamp_lights_desc *desc)
 {
-    return value >= 0.0f && value <= most;
+    envsamp_lights_desc filled;
+
+    memset(&filled, 0, sizeof filled);
+    if (desc)
+        filled = *desc;
+    filled.count = filled.count ? filled.count : 32;
+    filled.percentile = envsamp__or(filled.percentile, 0.98f);
+    filled.lambda = envsamp__or(filled.lambda, 3.0f);
+    filled.gamma = envsamp__or(filled.gamma, 0.001f);
+    filled.mask_scale = envsamp__or(filled.mask_scale, 0.15f);
+    filled.refine_rounds = filled.refine_rounds ? filled.refine_rounds : 64;
+    if (envsamp__is_zero(filled.weight_variance) && envsamp__is_zero(filled.weight_extent)
+        && envsamp__is_zero(filled.weight_energy)) {
+        filled.weight_variance = filled.weight_energy = 1.0f;
+        filled.weight_extent = 5.0f;
+    }
+    return filled;
+}
+
+ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void)
+{
+    return envsamp__lights_filled(NULL);
 }
 
 /* Whether the threshold of emissive texels can be found. */
 static int envsamp__emission_good(const envsamp_lights_desc *desc)
 {
-    return envsamp__in_range(desc->percentile, 1.0f) && envsamp__in_range(desc->lambda, FLT_MAX)
-        && envsamp__in_range(desc->gamma, FLT_MAX);
+    return envsamp__in_range(desc->percentile, -FLT_MAX, 1.0f)
+        && envsamp__in_range(desc->lambda, -FLT_MAX, FLT_MAX)
+        && envsamp__in_range(desc->gamma, -FLT_MAX, FLT_MAX);
 }
 
 static int envsamp__decomposition_good(const envsamp_lights_desc *desc)
 {
-    return envsamp__emission_good(desc) && envsamp__in_range(desc->mask_scale, FLT_MAX)
-        && envsamp__in_range(desc->weight_variance, FLT_MAX)
-        && envsamp__in_range(desc->weight_extent, FLT_MAX)
-        && envsamp__in_range(desc->weight_energy, FLT_MAX)
-        && (desc->weight_variance > 0.0f || desc->weight_extent > 0.0f
-            || desc->weight_energy > 0.0f);
+    return envsamp__emission_good(desc)
+        && envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
+        && envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
+        && envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
+        && envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
                                                 const envsamp_lights_desc *desc,
                                                 envsamp_sizes *sizes)
 {
-    envsamp_lights_desc defaults = envsamp_lights_defaults();
+    envsamp_lights_desc filled = envsamp__lights_filled(desc);
     envsamp__arena arena = { NULL, 0 };
     envsamp__lights l;
     envsamp_result result;
@@ -9908,13 +9938,12 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
     sizes->table_bytes = sizes->scratch_bytes = 0;
     if (!image)
         return ENVSAMP_ERR_NULL;
-    desc = desc ? desc : &defaults;
+    desc = &filled;
     result = envsamp__image_check(image);
     if (result != ENVSAMP_OK)
         return result;
     if (desc->count < 1 || desc->count > 65536
-        || (uint32_t)desc->method > ENVSAMP_LIGHTS_RELAXED || desc->refine_rounds < 0
-        || (desc->method == ENVSAMP_LIGHTS_DECOMPOSED && !envsamp__decomposition_good(desc)))
+        || (uint32_t)desc->method > ENVSAMP_LIGHTS_RANDOM || !envsamp__decomposition_good(desc))
         return ENVSAMP_ERR_PARAM;
     envsamp__lights_carve(&l, image, desc, &arena);
     sizes->scratch_bytes = (size_t)arena.used;
@@ -9926,13 +9955,13 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
                                           envsamp_light *lights, int capacity,
                                           envsamp_buffer scratch, envsamp_lights_info *info)
 {
-    envsamp_lights_desc defaults = envsamp_lights_defaults();
+    envsamp_lights_desc filled = envsamp__lights_filled(desc);
     envsamp__arena arena = { NULL, 0 };
     envsamp_sizes sizes;
     envsamp__lights l;
     envsamp_result result;
 
-    desc = desc ? desc : &defaults;
+    desc = &filled;
     result = envsamp_lights_sizes(image, desc, &sizes);
     if (result == ENVSAMP_OK && (!image->pixels || !lights))
         result = ENVSAMP_ERR_NULL;
@@ -9960,7 +9989,7 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
                                                  const envsamp_lights_desc *desc, uint8_t *mask,
                                                  envsamp_buffer scratch, float *threshold)
 {
-    envsamp_lights_desc defaults = envsamp_lights_defaults();
+    envsamp_lights_desc filled = envsamp__lights_filled(desc);
     envsamp__arena arena = { NULL, 0 };
     envsamp__emission e;
     envsamp__grain grain;
@@ -9968,7 +9997,7 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     envsamp_result result;
     size_t bad;
 
-    desc = desc ? desc : &defaults;
+    desc = &filled;
     if (!image || !image->pixels || !mask)
         return ENVSAMP_ERR_NULL;
     result = envsamp__image_check(image);
@@ -10026,7 +10055,7 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
     if (!lights || !out)
         return ENVSAMP_ERR_NULL;
     if (count < 0 || set_count < 1 || set < 0 || set >= set_count
-        || !(extent >= 0.0f && extent <= 1.0f))
+        || !envsamp__in_range(extent, 0.0f, 1.0f))
         return ENVSAMP_ERR_PARAM;
     for (i = 0; i < count; i++) {
         float cone = lights[i].cos_extent;

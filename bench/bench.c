@@ -183,7 +183,7 @@ static envsamp_kd_desc kd_desc(const bench_row *row, const bench_state *bench)
 {
     envsamp_kd_desc desc = envsamp_kd_defaults();
 
-    desc.bilinear = 0;              /* as the others: radiance constant over a texel */
+    desc.nearest = 1;              /* as the others: radiance constant over a texel */
     desc.select = (envsamp_kd_select)row->select;
     desc.block_count = bench->input.options.block_count;
     if (row->criterion != NOT_SET)
@@ -288,7 +288,7 @@ static envsamp_cdf_desc cdf_desc(const bench_row *row, const bench_state *bench)
 
     (void)row;
     (void)bench;
-    desc.bilinear = 0;              /* as the others */
+    desc.nearest = 1;              /* as the others */
     return desc;
 }
 

@@ -174,7 +174,7 @@ static void build(batch_state *b, int table, envsamp_kd_select select)
     envsamp_buffer buffer, scratch;
     envsamp_result result;
 
-    desc.bilinear = 0;              /* as the baseline: radiance constant over a texel */
+    desc.nearest = 1;              /* as the baseline: radiance constant over a texel */
     desc.select = select;
     desc.block_count = b->input.options.block_count;
     result = envsamp_kd_sizes(&map, &desc, &sizes);

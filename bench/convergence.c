@@ -237,7 +237,7 @@ static double draw(const scene *s, int sampler, const float u[2], double dir[3])
         dir[c] = (double)direction[c];
     if (!(pdf > 0.0f))
         return 0.0;
-    envsamp_lookup(&s->view, 0, direction, rgb);
+    envsamp_lookup(&s->view, 1, direction, rgb);
     return (0.2126 * (double)rgb[0] + 0.7152 * (double)rgb[1] + 0.0722 * (double)rgb[2])
          / (double)pdf;
 }

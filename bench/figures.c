@@ -259,7 +259,7 @@ static void estimate(const sampler *s, const envsamp_image *view, double integra
         float rgb[3];
         double value;
 
-        envsamp_lookup(view, 1, from.dir, rgb);
+        envsamp_lookup(view, 0, from.dir, rgb);
         value = (double)envsamp_luminance(rgb) / ((double)from.pdf * integral);
         sum += value;
         square += value * value;

@@ -160,7 +160,7 @@ static envsamp_halftone_desc desc_of(int row, int count, uint32_t seed)
                 : row < CELLS ? (envsamp_kernel)(row - TEXELS) : ENVSAMP_KERNEL_SZIRMAY;
     desc.seed = row == RANDOM ? seed : 0;
     desc.scan = row >= TEXELS && row < CELLS ? ENVSAMP_SCAN_TEXELS : ENVSAMP_SCAN_CELLS;
-    desc.repeat = row >= REPEAT;
+    desc.once = row < REPEAT;
     return desc;
 }
 
@@ -441,7 +441,7 @@ static long wrong_counts(subject *s, long *runs)
                 envsamp_halftone_desc desc = desc_of(CELLS, m, 0);
 
                 desc.kernel = (envsamp_kernel)kernel;
-                desc.repeat = repeat & 1;
+                desc.once = !(repeat & 1);
                 desc.scan = repeat & 2 ? ENVSAMP_SCAN_TEXELS : ENVSAMP_SCAN_CELLS;
                 wrong += !halftone(s, &desc);
                 ++*runs;

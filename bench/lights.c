@@ -88,8 +88,8 @@ static int make_lights(subject *s, int way, int count, uint32_t seed)
     desc.method = ways[way].method;
     desc.count = count;
     desc.seed = seed;
-    desc.mask_scale = ways[way].mask ? desc.mask_scale : 0.0f;
-    desc.refine_rounds = ways[way].rounds ? desc.refine_rounds : 0;
+    desc.mask_scale = ways[way].mask ? desc.mask_scale : -1.0f;
+    desc.refine_rounds = ways[way].rounds ? desc.refine_rounds : -1;
     desc.weight_variance = ways[way].weight[0];
     desc.weight_extent = ways[way].weight[1];
     desc.weight_energy = ways[way].weight[2];

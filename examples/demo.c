@@ -161,7 +161,7 @@ static envsamp_kd_desc method_desc(const method *m)
 {
     envsamp_kd_desc desc = envsamp_kd_defaults();
 
-    desc.bilinear = 0;              /* as the CDF: radiance constant over a texel */
+    desc.nearest = 1;              /* as the CDF: radiance constant over a texel */
     desc.block_count = m->block_count;
     desc.select = m->select;
     desc.criterion = m->criterion;
@@ -509,7 +509,7 @@ static int tables_make(tables *t, demo *d)
     envsamp_kd_desc desc = envsamp_kd_defaults();
 
     t->warp.memory.data = t->alias.memory.data = t->fit.memory.data = NULL;
-    desc.bilinear = 0;              /* as irradiance and spheres take the map */
+    desc.nearest = 1;              /* as irradiance and spheres take the map */
     if (!table_make(&t->warp, d, &desc, 1))
         return 0;
     desc.select = ENVSAMP_KD_ALIAS;

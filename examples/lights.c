@@ -99,7 +99,7 @@ static envsamp_result make_published(gallery *g, envsamp_light *lights)
 {
     const int width = g->map.width, height = g->map.height;
     envsamp_texel texels[COUNT_MAX];
-    envsamp_halftone_desc desc = {1, ENVSAMP_KERNEL_SZIRMAY, 0, ENVSAMP_SCAN_TEXELS, 0};
+    envsamp_halftone_desc desc = {1, ENVSAMP_KERNEL_SZIRMAY, 0, ENVSAMP_SCAN_TEXELS, 1};
     float *importance = make_importance(&g->map);
     envsamp_result result = ENVSAMP_ERR_MEMORY;
     int count = 0, i, c;

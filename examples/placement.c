@@ -44,7 +44,7 @@ static const envsamp_kd *build(const envsamp_image *map, void **memory)
     envsamp_sizes sizes;
     envsamp_result result;
 
-    desc.bilinear = BILINEAR;
+    desc.nearest = NEAREST;
     envsamp_kd_sizes(map, &desc, &sizes);      /* the build repeats what fails here */
     *memory = table.data = malloc(table.bytes = sizes.table_bytes);
     scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);

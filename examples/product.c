@@ -134,7 +134,7 @@ static const char *const way_names[WAYS] = {
 };
 
 static const envsamp_halftone_desc halftone_desc = {
-    RAYS, ENVSAMP_KERNEL_SZIRMAY, 0, ENVSAMP_SCAN_CELLS, 1
+    RAYS, ENVSAMP_KERNEL_SZIRMAY, 0, ENVSAMP_SCAN_CELLS, 0
 };
 
 /* What it takes to shade. */
@@ -169,7 +169,7 @@ static int hilbert_texel(int step)
     return y * SIDE + x;
 }
 
-/* Chooses RAYS entries of a row of importance. Any may be chosen more than once: with `repeat` 0 a
+/* Chooses RAYS entries of a row of importance. Any may be chosen more than once: with `once` a
    sun leaves to its neighbours what it has beyond an M-th of all, and samples over M p are biased.
    A seed of its own for every pixel makes errors noise; one for all makes bands. */
 static int choose(shading *s, const float row[TEXELS], envsamp_kernel kernel, uint32_t seed)

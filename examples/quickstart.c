@@ -46,11 +46,11 @@ int main(void)
         envsamp_sample s = envsamp_kd_sample(kd, u0, u1); /* a direction that the sky chose */
         float cosine = s.dir[2] > 0.0f ? s.dir[2] : 0.0f, dir[3], light[3];
 
-        envsamp_lookup(&image, 1, s.dir, light); /* bilinear, for which tables are made */
+        envsamp_lookup(&image, 0, s.dir, light); /* bilinear, for which tables are made */
         sum += (double)(light[0] * cosine / s.pdf);
         mis += (double)(light[0] * cosine / s.pdf * envsamp_mis_power(s.pdf, cosine / pi));
         envsamp_uv_to_dir(ENVSAMP_LATLONG, u0, acosf(sqrtf(u1)) / pi, dir); /* the surface's */
-        envsamp_lookup(&image, 1, dir, light);
+        envsamp_lookup(&image, 0, dir, light);
         mis += (double)(light[0] * pi * envsamp_mis_power(dir[2] / pi, envsamp_kd_pdf(kd, dir)));
     }
     printf("%s: irradiance %.4f, with MIS %.4f, of texels %.4f\n", envsamp_result_string(result),

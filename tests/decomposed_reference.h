@@ -86,8 +86,8 @@ static inline float to_float(double value)
 static inline float ranked_threshold(const ranking *r, const envsamp_lights_desc *desc,
                                      double slack)
 {
-    const double target = (double)desc->percentile * r->sr;
-    const double limit = fmax((double)desc->lambda * r->mean,
+    const double target = fmax((double)desc->percentile, 0.0) * r->sr;
+    const double limit = fmax(fmax((double)desc->lambda * r->mean, 0.0),
                               (double)desc->gamma * (double)r->most);
     long double sum = 0.0L;
     float bound = 0.0f;
@@ -421,7 +421,7 @@ static inline swarm swarm_make(const emission *e, const envsamp_lights_desc *des
     swarm w;
 
     memset(&w, 0, sizeof w);
-    drawn.refine_rounds = 0;
+    drawn.refine_rounds = -1;
     set_make(&s, &e->g.view, &drawn);
     w.e = e;
     w.margin = 1.0;

@@ -75,7 +75,7 @@ static inline envsamp_kd_desc kd_desc(int blocks, envsamp_kd_select select)
 
     desc.block_count = blocks;
     desc.select = select;
-    desc.bilinear = 0;
+    desc.nearest = 1;
     return desc;
 }
 
@@ -435,7 +435,7 @@ static inline kd_cover kd_cover_make(const kd_fixture *f)
     c.width = f->image.width;
     c.height = f->image.height;
     c.count = f->info.block_count;
-    c.whole = f->desc.select != ENVSAMP_KD_WARP && !f->desc.bilinear;
+    c.whole = f->desc.select != ENVSAMP_KD_WARP && f->desc.nearest;
     c.rects = kd_rects(f);
     c.first = (int *)kd_allocate(((size_t)texels + 2) * sizeof *c.first);
     for (i = 0; i < c.count; i++)

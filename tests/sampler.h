@@ -69,7 +69,7 @@ static inline envsamp_kd_desc sampler_kd_desc(const sampler_request *request)
 
     desc.block_count = request->blocks;
     desc.select = (envsamp_kd_select)request->kind;
-    desc.bilinear = request->bilinear;
+    desc.nearest = !request->bilinear;
     desc.strict = request->strict;
     desc.mis_compensation = request->compensation;
     return desc;
@@ -79,7 +79,7 @@ static inline envsamp_cdf_desc sampler_cdf_desc(const sampler_request *request)
 {
     envsamp_cdf_desc desc = envsamp_cdf_defaults();
 
-    desc.bilinear = request->bilinear;
+    desc.nearest = !request->bilinear;
     desc.strict = request->strict;
     desc.mis_compensation = request->compensation;
     return desc;
@@ -232,7 +232,7 @@ static inline sampler_info sampler_get_info(const sampler *s)
     info.max_ratio = kd.max_ratio + cdf.max_ratio;
     info.bad_pixel_count = kd.bad_pixel_count + cdf.bad_pixel_count;
     info.mis_compensation = kd.mis_compensation + cdf.mis_compensation;
-    info.bilinear = s->request.kind == SAMPLER_CDF ? cdf.bilinear : kd.bilinear;
+    info.bilinear = s->request.kind == SAMPLER_CDF ? !cdf.nearest : !kd.nearest;
     info.mapping = s->request.kind == SAMPLER_CDF ? cdf.mapping : kd.mapping;
     return info;
 }

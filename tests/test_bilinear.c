@@ -321,7 +321,7 @@ static int table_build_cdf(table *t, int bilinear, float compensation)
     envsamp_sizes sizes;
 
     memset(&info, 0, sizeof info);
-    desc.bilinear = bilinear;
+    desc.nearest = !bilinear;
     desc.mis_compensation = compensation;
     envsamp_cdf_sizes(&t->m->image, &desc, &sizes);
     t->memory = kd_guarded_make(sizes.table_bytes, 0x3c);
@@ -333,7 +333,7 @@ static int table_build_cdf(table *t, int bilinear, float compensation)
     t->integral = info.integral;
     t->excess = info.excess_variance;
     t->max_ratio = info.max_ratio;
-    t->bilinear = info.bilinear;
+    t->bilinear = !info.nearest;
     return 1;
 }
 
@@ -350,7 +350,7 @@ static int table_build(table *t, const map *m, sampler kind, int blocks, int bil
         return table_build_cdf(t, bilinear, compensation);
     desc.select = selects[kind];
     desc.block_count = blocks;
-    desc.bilinear = bilinear;
+    desc.nearest = !bilinear;
     desc.mis_compensation = compensation;
     if (!kd_fixture_build(&t->f, &m->image, &desc))
         return 0;
@@ -358,7 +358,7 @@ static int table_build(table *t, const map *m, sampler kind, int blocks, int bil
     t->integral = t->f.info.integral;
     t->excess = t->f.info.excess_variance;
     t->max_ratio = t->f.info.max_ratio;
-    t->bilinear = t->f.info.bilinear;
+    t->bilinear = !t->f.info.nearest;
     return 1;
 }
 
@@ -705,7 +705,7 @@ static void probe(const table *tables, const map *m, double peak, double u, doub
         return;                             /* u is anything: see test_poles */
     point(m->image.mapping, dir, &own_u, &own_v);
     own = radiance(m, own_u, own_v, HONEST);
-    envsamp_lookup(&m->image, 1, dir, rgb);
+    envsamp_lookup(&m->image, 0, dir, rgb);
     most = fmax(own, (double)rgb[0]);
     out->points++;
     out->lit += most > slack;
@@ -787,7 +787,7 @@ static int dark_pole(const map *m, sampler kind, float z, int *lit)
         const float dir[3] = { zeros[i & 1], zeros[i >> 1], z };
         float rgb[3];
 
-        envsamp_lookup(&m->image, 1, dir, rgb);
+        envsamp_lookup(&m->image, 0, dir, rgb);
         *lit += rgb[0] > 0.0f;
         wrong += rgb[0] > 0.0f && !(table_pdf(&t, dir) > 0.0f);
     }
@@ -836,11 +836,11 @@ static void test_horizon(void)
                     dir[0] = (float)cos(turn);
                     dir[1] = (float)sin(turn);
                     dir[2] = above[k];
-                    envsamp_lookup(&m.image, 1, dir, rgb);
+                    envsamp_lookup(&m.image, 0, dir, rgb);
                     lit += rgb[0] > 0.0f;
                     dark += rgb[0] > 0.0f && !(table_pdf(&t, dir) > 0.0f);
                     dir[2] = -0.001f;
-                    envsamp_lookup(&m.image, 1, dir, rgb);
+                    envsamp_lookup(&m.image, 0, dir, rgb);
                     below += rgb[0] > 0.0f || table_pdf(&t, dir) > 0.0f;
                 }
             table_free(&t);
@@ -985,7 +985,7 @@ static estimate draw(const table *t, const fault *wrong)
         } else {
             float rgb[3];
 
-            envsamp_lookup(&t->m->image, 1, s.dir, rgb);
+            envsamp_lookup(&t->m->image, 0, s.dir, rgb);
             value = (double)rgb[0];
         }
         value /= (double)s.pdf * t->integral;
@@ -1270,16 +1270,16 @@ static void test_defaults(void)
     envsamp_sizes plain, bilinear, nearest;
     kd_fixture f;
 
-    CHECK(envsamp_kd_defaults().bilinear && envsamp_cdf_defaults().bilinear,
+    CHECK(!envsamp_kd_defaults().nearest && !envsamp_cdf_defaults().nearest,
           "bilinear lookups are the default");
     envsamp_kd_sizes(&m.image, NULL, &plain);
     envsamp_kd_sizes(&m.image, &desc, &bilinear);
-    desc.bilinear = 0;
+    desc.nearest = 1;
     envsamp_kd_sizes(&m.image, &desc, &nearest);
     CHECK(plain.scratch_bytes == bilinear.scratch_bytes
           && nearest.scratch_bytes < bilinear.scratch_bytes, "also with no description");
-    desc.bilinear = 7;
-    CHECK(kd_fixture_build(&f, &m.image, &desc) && f.info.bilinear == 1,
+    desc.nearest = 7;
+    CHECK(kd_fixture_build(&f, &m.image, &desc) && f.info.nearest == 1,
           "any number but 0 means yes");
     kd_fixture_free(&f);
     map_free(&m);

@@ -146,7 +146,7 @@ static void build_mappings(envsamp_image map, envsamp_kd_desc desc)
 
     for (i = 0; i < 12; i++) {
         map.mapping = (envsamp_mapping)(i / 4);
-        cdf.bilinear = desc.bilinear = i % 2;
+        cdf.nearest = desc.nearest = !(i % 2);
         cdf.mis_compensation = desc.mis_compensation = i % 4 / 2 ? 0.5f : 0.0f;
         for (select = ENVSAMP_KD_WARP; select <= ENVSAMP_KD_FIT; select++) {
             desc.select = (envsamp_kd_select)select;
@@ -176,7 +176,7 @@ static void choose(envsamp_image map)
         halftone.count = 1 + 4 * i;
         halftone.kernel = (envsamp_kernel)(i % 6);
         halftone.scan = (envsamp_scan)(i / 6 % 2);
-        halftone.repeat = i / 12 % 2;
+        halftone.once = !(i / 12 % 2);
         halftone.seed = (uint32_t)(i / 24);
         if (envsamp_halftone(map.pixels, map.width, map.height, 0, &halftone, texels, 200, &count,
                              scratch))
@@ -221,9 +221,9 @@ int main(void)
     choose(map);
     desc.block_count = 500;
     build_mappings(map, desc);
-    desc.bilinear = 0;
+    desc.nearest = 1;
     for (select = ENVSAMP_KD_WARP; select <= ENVSAMP_KD_FIT; select++)
-        for (criterion = 0; criterion <= ENVSAMP_KD_EXCESS; criterion++)
+        for (criterion = 0; criterion <= ENVSAMP_KD_RANGE; criterion++)
             for (model = 0; model <= ENVSAMP_KD_POWER; model++) {
                 desc.select = (envsamp_kd_select)select;
                 desc.criterion = (envsamp_kd_criterion)criterion;

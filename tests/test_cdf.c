@@ -46,6 +46,7 @@ static int subject_build(subject *s)
 static int subject_of(subject *s, const float *pixels, int width, int height, int channels)
 {
     memset(s, 0, sizeof *s);
+    s->desc.nearest = 1;
     s->view = kd_image(pixels, width, height, channels);
     return subject_build(s);
 }
@@ -53,6 +54,7 @@ static int subject_of(subject *s, const float *pixels, int width, int height, in
 static int subject_make(subject *s, const char *name, int width, int height)
 {
     memset(s, 0, sizeof *s);
+    s->desc.nearest = 1;
     map_make(name, width, height, &s->map);
     s->view = kd_image(s->map.rgb, width, height, 3);
     return subject_build(s);
@@ -557,7 +559,7 @@ static void test_pixels(void)
     subject_free(&s);
     memset(&s, 0, sizeof s);
     s.view = kd_image(pixels, 4, 3, 1);
-    s.desc.strict = 1;
+    s.desc.nearest = s.desc.strict = 1;
     CHECK(!subject_build(&s) && s.result == ENVSAMP_ERR_VALUE && !s.cdf && subject_intact(&s)
           && envsamp_cdf_open(s.table.buffer.data, s.table.buffer.bytes, &s.cdf)
              == ENVSAMP_ERR_FORMAT, "strict: refused, and no table left");
@@ -652,7 +654,7 @@ static void test_defaults(void)
     kd_guarded table;
     subject s;
 
-    CHECK(defaults.bilinear == 1 && !(defaults.mis_compensation > 0.0f) && !defaults.strict,
+    CHECK(!defaults.nearest && !(defaults.mis_compensation > 0.0f) && !defaults.strict,
           "the defaults are bilinear");
     memset(&s, 0, sizeof s);
     map_make("night", 37, 19, &s.map);
@@ -660,7 +662,7 @@ static void test_defaults(void)
     s.desc = defaults;
     subject_build(&s);
     table = kd_guarded_make(s.sizes.table_bytes, 0x42);
-    CHECK(s.cdf && s.info.bilinear == 1 && sane(&s)
+    CHECK(s.cdf && !s.info.nearest && sane(&s)
           && envsamp_cdf_sizes(&s.view, NULL, &sizes) == ENVSAMP_OK
           && !memcmp(&sizes, &s.sizes, sizeof sizes)
           && envsamp_cdf_build(&s.view, NULL, table.buffer, s.scratch.buffer, &cdf) == ENVSAMP_OK
@@ -684,7 +686,7 @@ static void test_bytes(envsamp_mapping mapping, int bilinear, int width, int hei
     map_make("night", width, height, &s.map);
     s.view = kd_image(s.map.rgb, width, height, 3);
     s.view.mapping = mapping;
-    s.desc.bilinear = bilinear;
+    s.desc.nearest = !bilinear;
     subject_build(&s);
     memset(&t, 0, sizeof t);
     t.view = s.view;
@@ -769,6 +771,7 @@ static void test_layouts(void)
     memset(&t, 0, sizeof t);
     t.view = kd_image(four, WIDTH, HEIGHT, 4);
     t.view.row_stride_bytes = STRIDE * sizeof *four;
+    t.desc = s.desc;
     subject_build(&t);
     CHECK(t.cdf && !memcmp(s.cdf, t.cdf, s.sizes.table_bytes), "four channels and a row stride");
     subject_free(&t);

@@ -1317,7 +1317,7 @@ static double look(const envsamp_image *map, int bilinear, double u, double v)
     float dir[3], rgb[3];
 
     envsamp_uv_to_dir(map->mapping, (float)u, (float)v, dir);
-    envsamp_lookup(map, bilinear, dir, rgb);
+    envsamp_lookup(map, !bilinear, dir, rgb);
     return (double)rgb[0];
 }
 
@@ -1470,11 +1470,11 @@ static void test_horizon(void)
     int bilinear, i, lit = 0;
 
     for (bilinear = 0; bilinear < 2; bilinear++) {
-        envsamp_lookup(&map, bilinear, below, rgb);
+        envsamp_lookup(&map, !bilinear, below, rgb);
         lit += rgb[0] != 0.0f || rgb[1] != 0.0f || rgb[2] != 0.0f;
-        envsamp_lookup(&map, bilinear, down, rgb);
+        envsamp_lookup(&map, !bilinear, down, rgb);
         lit += rgb[0] != 0.0f;
-        envsamp_lookup(&map, bilinear, on, rgb);
+        envsamp_lookup(&map, !bilinear, on, rgb);
         lit += !(rgb[0] > 0.0f);
     }
     CHECK(!lit, "hemisphere: black below the horizon, not on it");

@@ -178,7 +178,7 @@ static envsamp_halftone_desc describe(int count, int kernel, int scan, int repea
     desc.kernel = (envsamp_kernel)kernel;
     desc.seed = seed;
     desc.scan = (envsamp_scan)scan;
-    desc.repeat = repeat;
+    desc.once = !repeat;
     return desc;
 }
 
@@ -223,7 +223,7 @@ static int all_rubbish(const void *data, size_t bytes)
 /* M, or as many as there are to choose. */
 static int expected_count(const chart *c, const envsamp_halftone_desc *desc)
 {
-    return desc->repeat || desc->count < c->lit ? desc->count : c->lit;
+    return !desc->once || desc->count < c->lit ? desc->count : c->lit;
 }
 
 /* Cells: two a sample on average and about square, or texels; of RANDOM bands of 16 rows. */
@@ -331,7 +331,7 @@ static int texel_sound(const envsamp_texel *t, const chart *c)
 /* Whether a draw is in the order of the scan; so none is twice in it, but where that may be. */
 static int in_order(const draw *d, const chart *c, const envsamp_halftone_desc *desc)
 {
-    const int twice = desc->repeat || desc->kernel == ENVSAMP_KERNEL_RANDOM;
+    const int twice = !desc->once || desc->kernel == ENVSAMP_KERNEL_RANDOM;
     const grid g = grid_of(c->width, c->height, desc);
     int *path = path_make(c), strip, turn, i, seen = 0;
 
@@ -562,11 +562,11 @@ static void plain_texel(plain *p, int x, int y)
     p->lit -= value > 0.0;
     while (more && p->chosen < p->wanted
            && (p->sum > 0.5 * p->quantum
-               || (!p->desc->repeat && p->lit < p->wanted - p->chosen))) {
+               || (p->desc->once && p->lit < p->wanted - p->chosen))) {
         p->texel[p->chosen].x = x;
         p->texel[p->chosen++].y = y;
         p->sum -= p->quantum;
-        more = p->desc->repeat;
+        more = !p->desc->once;
     }
 }
 
@@ -648,7 +648,7 @@ static int same_choice(const draw *d, const chart *c, const envsamp_halftone_des
     const int rest = d->count - count;
     int i;
 
-    if (!draw_sound(d, c, desc) || rest < 0 || (rest && !desc->repeat)
+    if (!draw_sound(d, c, desc) || rest < 0 || (rest && desc->once)
         || (rest > 2 && desc->scan == ENVSAMP_SCAN_CELLS))
         return 0;
     for (i = 0; i < count; i++)

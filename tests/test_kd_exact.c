@@ -433,7 +433,7 @@ static void audit_options(const envsamp_image *map, int blocks, audit *a)
 {
     int criterion, model, objective;
 
-    for (criterion = 0; criterion <= ENVSAMP_KD_EXCESS; criterion++) {
+    for (criterion = 0; criterion <= ENVSAMP_KD_RANGE; criterion++) {
         envsamp_kd_desc desc = kd_desc(blocks, ENVSAMP_KD_ALIAS);
 
         desc.criterion = (envsamp_kd_criterion)criterion;
@@ -880,7 +880,7 @@ static float lookup(int bilinear, double u, double v)
         pixels[i][2] = -1.0f;
     }
     kd_direction(u, v, dir);
-    envsamp_lookup(&map, bilinear, dir, rgb);
+    envsamp_lookup(&map, !bilinear, dir, rgb);
     return rgb[2] == 0.0f && fabsf(rgb[1] - 2.0f * rgb[0]) < 1e-3f ? rgb[0] : -1.0f;
 }
 
@@ -926,16 +926,16 @@ static void test_lookup_values(void)
     const float none[3] = { NAN, NAN, NAN };
     float rgb[3];
 
-    envsamp_lookup(&one, 1, across, rgb);
+    envsamp_lookup(&one, 0, across, rgb);
     CHECK(rgb[0] == 3.0f && rgb[1] == 3.0f && rgb[2] == 3.0f, "one channel gives three, 1x1");
-    envsamp_lookup(&one, 0, zero, rgb);
+    envsamp_lookup(&one, 1, zero, rgb);
     CHECK(rgb[0] == 3.0f, "the zero vector looks up");
-    envsamp_lookup(&one, 1, none, rgb);
+    envsamp_lookup(&one, 0, none, rgb);
     CHECK(rgb[0] >= 0.0f && rgb[0] <= 3.01f, "NaN stays in the map");
-    envsamp_lookup(&rgb_map, 0, across, rgb);
+    envsamp_lookup(&rgb_map, 1, across, rgb);
     CHECK(rgb[0] == 0.0f && rgb[1] == 0.0f && rgb[2] == 0.0f, "NaN makes a pixel black");
     pixels[3] = 7.0f;
-    envsamp_lookup(&rgb_map, 0, back, rgb);
+    envsamp_lookup(&rgb_map, 1, back, rgb);
     CHECK(rgb[0] == 7.0f && rgb[1] == 0.0f && rgb[2] == 2.0f, "a negative channel counts as 0");
 }
 

@@ -679,7 +679,7 @@ static int refused_desc(const envsamp_kd_desc *desc)
 
 static void test_bad_descriptions(void)
 {
-    const int counts[] = { 0, -1, 1048577, 2147483647, -2147483647 - 1 }, wrong[] = { -1, 4, 99 };
+    const int counts[] = { -2, -1, 1048577, 2147483647, -2147483647 - 1 }, wrong[] = { -1, 4, 99 };
     const float compensations[] = { 1.0000001f, -1e-30f, -0.5f, 2.0f, NAN, INFINITY };
     const envsamp_kd_desc good = kd_desc(8, ENVSAMP_KD_FIT);
     envsamp_kd_desc desc;
@@ -711,10 +711,10 @@ static void test_bad_descriptions(void)
     }
 }
 
-/* What bounds the refused is accepted: any `bilinear`, both ends of compensation. */
+/* What bounds the refused is accepted: any `nearest`, both ends of compensation. */
 static void test_good_descriptions(void)
 {
-    const int bilinear[] = { 0, 1, -7 };
+    const int nearest[] = { 0, 1, -7 };
     const float compensations[] = { 0.0f, 0.5f, 1.0f };
     const envsamp_kd *kd;
     int mapping, i, k, select, wrong = 0;
@@ -728,11 +728,11 @@ static void test_good_descriptions(void)
                     kd_fixture f;
 
                     map.mapping = (envsamp_mapping)mapping;
-                    desc.bilinear = bilinear[i];
+                    desc.nearest = nearest[i];
                     desc.mis_compensation = compensations[k];
                     wrong += !kd_fixture_build(&f, &map, &desc) || !kd_fixture_intact(&f)
                           || envsamp_kd_open(f.kd, envsamp_kd_bytes(f.kd), &kd) != ENVSAMP_OK
-                          || f.info.bilinear != (bilinear[i] != 0)
+                          || f.info.nearest != (nearest[i] != 0)
                           || (int)f.info.mapping != mapping
                           || !kd_bits_equal(&f.info.mis_compensation, &compensations[k],
                                             sizeof(float));

@@ -301,13 +301,13 @@ static void check_header(const kd_fixture *f, const unsigned char *table, const 
     int i, wrong = 0;
 
     CHECK(table[0] == 'E' && table[1] == 'S' && table[2] == 'K' && table[3] == 'D'
-          && word(table, AT_VERSION) == 3 && word(table, AT_BYTES) == envsamp_kd_bytes(f->kd)
+          && word(table, AT_VERSION) == 4 && word(table, AT_BYTES) == envsamp_kd_bytes(f->kd)
           && word(table, AT_SELECT) == (uint32_t)f->desc.select, "%s: who it is", what);
     CHECK(word(table, AT_WIDTH) == (uint32_t)f->image.width
           && word(table, AT_HEIGHT) == (uint32_t)f->image.height
           && word(table, AT_BLOCK_COUNT) == (uint32_t)f->info.block_count, "%s: its size", what);
     CHECK(word(table, AT_MAPPING) == (uint32_t)f->image.mapping
-          && word(table, AT_BILINEAR) == (f->desc.bilinear ? 1u : 0u)
+          && word(table, AT_BILINEAR) == (f->desc.nearest ? 0u : 1u)
           && fabs(real(word(table, AT_COMPENSATION)) - (double)f->desc.mis_compensation) <= 0.0
           && word(table, AT_BAD_PIXELS) == 0 && word(table, AT_BAD_PIXELS + 4) == 0,
           "%s: what it is of", what);
@@ -396,7 +396,7 @@ static void test_layout(build b, const char *name, int width, int height, int bl
     map_make(name, width, height, &map);
     view = kd_image(map.rgb, width, height, 3);
     view.mapping = b.mapping;
-    desc.bilinear = b.bilinear;
+    desc.nearest = !b.bilinear;
     desc.mis_compensation = b.mis;
     snprintf(what, sizeof what, "%s, %s%s, %s %dx%d", selects[b.select], mappings[b.mapping],
              b.bilinear ? ", bilinear" : "", name, width, height);

@@ -30,7 +30,7 @@ static envsamp_kd_desc kind_desc(int kind, int blocks)
                                    selects[kind]);
 
     desc.model = kind == FIT_POWER ? ENVSAMP_KD_POWER : ENVSAMP_KD_LOG;
-    desc.bilinear = kind >= BILINEAR;
+    desc.nearest = kind < BILINEAR;
     desc.mis_compensation = kind >= BILINEAR ? 0.25f : 0.0f;
     return desc;
 }
@@ -594,8 +594,8 @@ static void test_wrong_source(trial *t)
     }
     opened += opens_with_word(t, offsetof(envsamp_kd, width), 0);
     opened += opens_with_word(t, offsetof(envsamp_kd, height), 0);
-    opened += opens_with_word(t, offsetof(envsamp_kd, version), 2);
-    opened += opens_with_word(t, offsetof(envsamp_kd, version), 4);
+    opened += opens_with_word(t, offsetof(envsamp_kd, version), 3);
+    opened += opens_with_word(t, offsetof(envsamp_kd, version), 5);
     CHECK(!opened, "of another map, mapping or version: refused, but %d", opened);
 }
 

@@ -115,7 +115,7 @@ static inline void irradiance_estimate(const irradiance *e, const envsamp_image 
 
         sobol_owen(i, seed, u);
         s = by->draw(by->table, u[0], u[1]);
-        envsamp_lookup(view, 0, s.dir, rgb);
+        envsamp_lookup(view, 1, s.dir, rgb);
         weight = s.pdf > 0.0f ? envsamp_luminance(rgb) / (s.pdf * (float)points) : 0.0f;
         for (k = 0; k < IRRADIANCE_NORMALS; k++)
             sums[k] += (double)(weight * fmaxf(dot3(e->normals[k], s.dir), 0.0f));

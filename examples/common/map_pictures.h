@@ -169,7 +169,7 @@ static inline void plate_fill_square(plate *p, const envsamp_image *view, float 
             u[0] = ((float)x + 0.5f) / PLATE_HEIGHT;
             u[1] = ((float)y + 0.5f) / PLATE_HEIGHT;
             s = envsamp_kd_sample(p->warp, u[0], u[1]);
-            envsamp_lookup(view, 0, s.dir, rgb);
+            envsamp_lookup(view, 1, s.dir, rgb);
             image_tonemap(&one, exposure, p->under.rgb + 3 * (size_t)pixel);
             p->strata[pixel] = stratum_of(u);
         }

@@ -197,7 +197,7 @@ static inline void mis_add(const mis_scene *s, const mis_point *p, const float d
     if (!(shown > 0.0f && density > 0.0f) || mis_shadowed(p, dir))
         return;
     mis_to_map(s, dir, map_dir);
-    envsamp_lookup(s->view, 1, map_dir, radiance);
+    envsamp_lookup(s->view, 0, map_dir, radiance);
     for (i = 0; i < 3; i++)
         rgb[i] += shown * radiance[i] / density;
 }
@@ -285,7 +285,7 @@ static inline void mis_shade_pixel(const mis_scene *s, int which, int pixel, flo
         mis_light_point(s, light, &p, rays - to_bsdf, to_bsdf, seed, rgb);
     } else {
         mis_to_map(s, dir, dir);
-        envsamp_lookup(s->view, 1, dir, rgb);
+        envsamp_lookup(s->view, 0, dir, rgb);
     }
 }
 

@@ -30,9 +30,9 @@
 #include <math.h>
 
 /* How radiance is looked up between texels. The table must be built for the lookup that is used,
-   so the same constant goes into desc.bilinear and into envsamp_lookup. The default is 1; here it is
-   0, so that a sum over texels is exact and everything can be checked against it. */
-#define BILINEAR 0
+   so the same constant goes into desc.nearest and into envsamp_lookup. The default is 0; here it is
+   1, so that a sum over texels is exact and everything can be checked against it. */
+#define NEAREST 1
 
 typedef struct environment {
     const envsamp_kd *kd;        /* of *image as it is: nothing below was known to the build */
@@ -119,7 +119,7 @@ static inline void environment_lookup(const environment *e, const float map_dir[
 {
     int i;
 
-    envsamp_lookup(e->image, BILINEAR, map_dir, radiance);
+    envsamp_lookup(e->image, NEAREST, map_dir, radiance);
     for (i = 0; i < 3; i++)
         radiance[i] *= e->exposure * e->tint[i];
 }

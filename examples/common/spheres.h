@@ -194,7 +194,7 @@ static inline void shade_sampled(const spheres *s, int surface, const sampler *b
         weight = response(surface, normal, mirror, sample.dir) / (sample.pdf * SPHERE_SAMPLES);
         if (!(weight > 0.0f))
             continue;
-        envsamp_lookup(s->view, 0, sample.dir, radiance);
+        envsamp_lookup(s->view, 1, sample.dir, radiance);
         for (channel = 0; channel < 3; channel++)
             rgb[channel] += weight * radiance[channel];
     }
