@@ -19,14 +19,19 @@ EXR_CFLAGS = -DHAVE_OPENEXR $(shell pkg-config --cflags OpenEXR 2>/dev/null)
 EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
 
 COMMON   := examples/common/image.c examples/common/maps.c
-DEMO     := examples/demo.c examples/common/picture.c bench/baselines.c
-EXAMPLES := $(BUILD)/quickstart $(BUILD)/placement $(BUILD)/lights $(BUILD)/product
+EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights product demo_exr)
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard examples/common/*.h tests/*.h bench/*.h)
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
-TEST_AID := $(filter-out $(wildcard tests/test_*.c),$(wildcard tests/*.c))
+TEST_AID := tests/envsamp.c tests/inside.c tests/statistics.c
 SCRIPTS  := $(wildcard tests/test_*.sh)
+JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
+
+# Compiled once: what examples link, what the demo and tests do, which read EXR files, and tests.
+OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o maps.o picture.o)
+EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr.o)
+TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
 .PHONY: help demo lights product test bench scale fuzz mutants figures convergence halftone scene data setup clean
 
@@ -42,8 +47,10 @@ demo: $(BUILD)/demo
 	$(BUILD)/demo -o $(BUILD)/pictures
 endif
 
-test: setup $(TESTS) $(EXAMPLES) $(BUILD)/demo_exr  ## build and run all tests
-	CC="$(CC)" CXX="$(CXX)" prove --timer --exec '' $(TESTS) $(SCRIPTS)
+# As many jobs at a time as there are cores, unless JOBS or -j says otherwise.
+test: setup  ## build and run all tests
+	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) $(TESTS) $(EXAMPLES)
+	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --timer --exec '' $(TESTS) $(SCRIPTS)
 
 lights: $(BUILD)/lights  ## a map as directional lights, and pictures; LIGHTS="-k 32 data/city.pfm"
 	$(BUILD)/lights -o $(BUILD)/pictures $(LIGHTS)
@@ -90,26 +97,37 @@ setup:  ## install libopenexr-dev and libembree-dev where they are missing
 clean:  ## remove what was built; data/ stays
 	rm -rf $(BUILD)
 
+.SECONDARY:
+
 $(BUILD):
 	@mkdir -p $@
 
-$(BUILD)/demo: $(DEMO) $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) $(DEMO) $(COMMON) -lm -o $@
+$(BUILD)/%.o: tests/%.c $(HEADERS) | $(BUILD)
+	$(COMPILE) $(EXR_CFLAGS) -c $< -o $@
 
-$(BUILD)/demo_exr: $(DEMO) $(COMMON) examples/common/exr.c $(HEADERS) | $(BUILD)
-	$(COMPILE) $(EXR_CFLAGS) $(DEMO) $(COMMON) examples/common/exr.c $(EXR_LIBS) -lm -o $@
+$(BUILD)/%.o: examples/common/%.c $(HEADERS) | $(BUILD)
+	$(COMPILE) $(EXR_CFLAGS) -c $< -o $@
 
+$(BUILD)/image.o: examples/common/image.c $(HEADERS) | $(BUILD)
+	$(COMPILE) -c $< -o $@
+
+$(BUILD)/image_exr.o: examples/common/image.c $(HEADERS) | $(BUILD)
+	$(COMPILE) $(EXR_CFLAGS) -c $< -o $@
+
+# An example is a program with the library in it; here it takes the one that is compiled already.
+$(BUILD)/%: examples/%.c $(OBJECTS) $(HEADERS)
+	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) -lm -o $@
+
+$(BUILD)/demo: examples/demo.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
+	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(BUILD)/baselines.o $(OBJECTS) -lm -o $@
+
+$(BUILD)/demo_exr: examples/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS)
+	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(BUILD)/baselines.o $(EXR_OBJECTS) \
+	    $(EXR_LIBS) -lm -o $@
+
+# Alone, as a user has it.
 $(BUILD)/quickstart: examples/quickstart.c $(HEADERS) | $(BUILD)
-	$(COMPILE) examples/quickstart.c -lm -o $@
-
-$(BUILD)/placement: examples/placement.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) examples/placement.c $(COMMON) -lm -o $@
-
-$(BUILD)/lights: examples/lights.c examples/common/picture.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) examples/lights.c examples/common/picture.c $(COMMON) -lm -o $@
-
-$(BUILD)/product: examples/product.c examples/common/picture.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) examples/product.c examples/common/picture.c $(COMMON) -lm -o $@
+	$(COMPILE) $< -lm -o $@
 
 $(BUILD)/exr_to_pfm: examples/common/exr_to_pfm.c examples/common/image.c examples/common/exr.c \
                      $(HEADERS) | $(BUILD)
@@ -131,27 +149,29 @@ $(BUILD)/bench_batch: bench/bench_batch.c bench/input.c $(BUILD)/baselines.o $(C
 	    $(BUILD)/baselines.o $(COMMON) -lm -o $@
 
 $(BUILD)/convergence: bench/convergence.c $(PLOTTED) $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/convergence.c $(PLOTTED) $(COMMON) -lm -o $@
+	$(COMPILE) bench/convergence.c $(PLOTTED) tests/inside.c $(COMMON) -lm -o $@
 
 $(BUILD)/halftone: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c $(COMMON) -lm -o $@
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c tests/inside.c \
+	    $(COMMON) -lm -o $@
 
 $(BUILD)/scene: bench/lights.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/lights.c bench/baselines.c $(COMMON) -lm -o $@
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/lights.c bench/baselines.c tests/inside.c \
+	    $(COMMON) -lm -o $@
 
 $(BUILD)/light_sets: bench/light_sets.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/light_sets.c $(COMMON) -lm -o $@
+	$(COMPILE) bench/light_sets.c tests/inside.c $(COMMON) -lm -o $@
 
 $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/figures.c $(COMMON) -lm -o $@
+	$(COMPILE) bench/figures.c tests/inside.c $(COMMON) -lm -o $@
 
 $(BUILD)/fuzz_kd_table: tests/test_kd_table.c $(TEST_AID) $(COMMON) examples/common/exr.c $(HEADERS) \
                         | $(BUILD)
 	$(COMPILE) -g -fsanitize=address,undefined -fno-sanitize-recover $(EXR_CFLAGS) $< $(TEST_AID) \
 	    $(COMMON) examples/common/exr.c $(EXR_LIBS) -lm -o $@
 
-# It counts calls of functions.
-$(BUILD)/test_work: override CFLAGS += -finstrument-functions
+# It counts calls of functions, in a copy of the library that is its own.
+$(BUILD)/test_work.o: override CFLAGS += -finstrument-functions
 
-$(BUILD)/test_%: tests/test_%.c $(TEST_AID) $(COMMON) examples/common/exr.c $(HEADERS) | $(BUILD)
-	$(COMPILE) $(EXR_CFLAGS) $< $(TEST_AID) $(COMMON) examples/common/exr.c $(EXR_LIBS) -lm -o $@
+$(BUILD)/test_%: $(BUILD)/test_%.o $(TEST_OBJECTS)
+	$(CC) $(CFLAGS) $^ $(EXR_LIBS) -lm -o $@

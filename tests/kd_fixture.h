@@ -3,13 +3,11 @@
  *     kd_fixture f;
  *     if (kd_fixture_build(&f, &map, &desc)) ... f.kd, f.info ...
  *     kd_fixture_free(&f);
- *
- * Include it after the implementation of envsamp.h.
  */
 #ifndef KD_FIXTURE_H
 #define KD_FIXTURE_H
 
-#include "../envsamp.h"
+#include "inside.h"
 #include "../examples/common/random.h"
 
 #include <math.h>
@@ -162,118 +160,6 @@ typedef struct kd_rect {
     double solid_angle, probability;
 } kd_rect;
 
-/* ---- blocks of WARP, read from the table ---- */
-
-#define KD_LINK 0x80000000u     /* top bit of a link that is no density */
-#define KD_DEEPEST 32           /* cuts below a tile */
-
-/* A block, or a part of a tile on the way to one: its place in the unit square in units of 2^-24,
-   its edges as stored, x0, x1, y0, y1, and the link that leads to it. */
-typedef struct kd_warp_block {
-    double low[2], high[2];
-    float edge[4];
-    uint32_t link;
-    int tile, depth;
-} kd_warp_block;
-
-static inline float kd_density(const kd_warp_block *block)
-{
-    float pdf;
-
-    memcpy(&pdf, &block->link, sizeof pdf);
-    return pdf;
-}
-
-static inline int kd_tile_count(const envsamp_kd *kd)
-{
-    return 1 << (kd->tile_bits_x + kd->tile_bits_y);
-}
-
-/* A tile, on the way to its blocks. */
-static inline kd_warp_block kd_tile(const envsamp_kd *kd, int tile)
-{
-    const char *base = (const char *)kd;
-    const int column = tile & ((1 << kd->tile_bits_x) - 1), row = tile >> kd->tile_bits_x;
-    kd_warp_block b;
-    int axis;
-
-    memcpy(b.edge, base + kd->tiles_at + 16 * tile, sizeof b.edge);
-    memcpy(&b.link, base + kd->roots_at + 4 * tile, sizeof b.link);
-    b.tile = tile;
-    b.depth = 0;
-    for (axis = 0; axis < 2; axis++) {
-        const double side = (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-
-        b.low[axis] = (double)(axis ? row : column) * side;
-        b.high[axis] = b.low[axis] + side;
-    }
-    return b;
-}
-
-/* One side of the cut that a link leads to. */
-static inline kd_warp_block kd_side(const envsamp_kd *kd, const kd_warp_block *whole, int high)
-{
-    kd_warp_block b = *whole;
-    envsamp__warp node;
-    double at;
-    int axis;
-
-    memcpy(&node, (const char *)kd + kd->warp_at + sizeof node * (whole->link & ~KD_LINK),
-           sizeof node);
-    axis = signbit(node.cut) ? 1 : 0;
-    at = fabs((double)node.cut) * (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-    at += (double)(axis ? b.tile >> kd->tile_bits_x : b.tile & ((1 << kd->tile_bits_x) - 1))
-        * (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-    *(high ? &b.low[axis] : &b.high[axis]) = at;
-    b.edge[2 * axis + (high ? 0 : 1)] = node.edge;
-    b.link = node.child[high];
-    b.depth++;
-    return b;
-}
-
-/* All blocks, in the order of the table. Returns how many; `room` at most, and no tree deeper than
-   the limit is walked to its end. */
-static inline int kd_warp_blocks(const envsamp_kd *kd, kd_warp_block *blocks, int room)
-{
-    int tile, count = 0;
-
-    for (tile = 0; tile < kd_tile_count(kd); tile++) {
-        kd_warp_block stack[KD_DEEPEST + 2];
-        int top = 0;
-
-        stack[top++] = kd_tile(kd, tile);
-        while (top > 0) {
-            const kd_warp_block b = stack[--top];
-
-            if (!(b.link & KD_LINK)) {
-                if (count < room)
-                    blocks[count] = b;
-                count++;
-            } else if (top < KD_DEEPEST + 1) {
-                stack[top++] = kd_side(kd, &b, 1);
-                stack[top++] = kd_side(kd, &b, 0);
-            }
-        }
-    }
-    return count;
-}
-
-/* The block that draws (u0, u1), each in [0, 1). */
-static inline kd_warp_block kd_warp_at(const envsamp_kd *kd, double u0, double u1)
-{
-    const int column = (int)(u0 * (double)(1 << kd->tile_bits_x));
-    const int row = (int)(u1 * (double)(1 << kd->tile_bits_y));
-    kd_warp_block b = kd_tile(kd, (row << kd->tile_bits_x) + column);
-
-    while (b.link & KD_LINK) {
-        const kd_warp_block low = kd_side(kd, &b, 0), high = kd_side(kd, &b, 1);
-        const int above = u0 * 16777216.0 >= high.low[0] && u1 * 16777216.0 >= high.low[1];
-
-        b = above ? high : low;
-    }
-    return b;
-}
-
 /* From the north pole, 1 - cos theta, of the upper edge of a row. */
 static inline double kd_cap(int row, int height)
 {
@@ -350,8 +236,7 @@ static inline kd_rect kd_listed_rect(const kd_fixture *f, int index)
 
     memset(&block, 0, sizeof block);
     envsamp_kd_get_block(f->kd, index, &block);
-    memcpy(edge, (const char *)f->kd + f->kd->edges_at + sizeof edge * (size_t)index,
-           sizeof edge);
+    inside_kd_edges(f->kd, index, edge);
     return kd_edges_rect(f, edge, (double)block.probability);
 }
 

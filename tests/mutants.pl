@@ -25,6 +25,7 @@ my $flags      = '-std=c99 -O1 -w -I. -Iexamples/common';
 my @aids       = glob '{tests,examples/common}/*.c';
 my @files      = (qw(envsamp.h README.md examples/quickstart.c), glob('tests/*.{c,h,sh}'),
                   glob('examples/common/*.{c,h}'), glob('bench/*.h'));
+my @library    = qw(envsamp inside);        # what the header is compiled in, besides tests
 my %extra      = (test_work => '-finstrument-functions');
 my %options;
 getopts('j:k', \%options) or exit 2;
@@ -129,13 +130,19 @@ sub prepare {
 
     return ("tests/$test") if $test =~ /\.sh$/;
     my $more = $extra{$test} // '';
+    for (@library) {
+        next if -e "$folder/build/$_.o";
+        system("cd '$folder' && $compiler $flags -c tests/$_.c -o build/$_.o "
+               . ">build/$_.log 2>&1") == 0 or return ();
+    }
+    $objects .= join '', map { " build/$_.o" } @library;
     system("cd '$folder' && $compiler $flags $more tests/$test.c $objects -lm -o build/$test "
            . ">build/$test.log 2>&1") == 0 or return ();
     return ("build/$test");
 }
 
 sub object_names { map { m{([^/]+)\.c$} ? "$1.o" : () } helpers() }
-sub helpers { grep { !m{/test_|/exr|/picture} } @aids }
+sub helpers { grep { !m{/test_|/exr|/picture|/envsamp|/inside} } @aids }
 
 # Runs a test until the first point that fails. Returns what failed, or nothing.
 sub run {
@@ -261,7 +268,7 @@ for my $mutant (@mutants) {             # at once, not after minutes
     }
 }
 exit 1 if $bad;
-for (helpers()) {
+for (helpers(), map { "tests/$_.c" } @library) {
     my ($name) = m{([^/]+)\.c$};
     system("cd '$work/control' && $compiler $flags -c $_ -o build/$name.o") == 0 or fail "$_ fails";
 }

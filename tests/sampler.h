@@ -5,8 +5,7 @@
  *     if (sampler_make(&s, &request)) ... sampler_draw(&s, u0, u1) ...
  *     sampler_free(&s);
  *
- * Buffers are of exactly the size asked for, between canaries, and full of rubbish. Include it
- * after the implementation of envsamp.h.
+ * Buffers are of exactly the size asked for, between canaries, and full of rubbish.
  */
 #ifndef SAMPLER_H
 #define SAMPLER_H

@@ -7,12 +7,13 @@
  */
 #include "check.h"
 
-#define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
 #include "kd_fixture.h"
 #include "statistics.h"
 #include "../examples/common/random.h"
+
+#include <float.h>
 
 #define UNIT 16777216.0         /* numbers that a float u can be */
 
@@ -1138,11 +1139,10 @@ static int allowed(const table *t, float u0, float u1, const float dir[3], const
     int axis;
 
     if (t->kind == CDF) {
-        const envsamp__texel from = envsamp__cdf_choose(t->cdf, u0, u1);
-        const envsamp__cdf_place to = envsamp__cdf_at(t->cdf, dir[0], dir[1], dir[2],
-            sqrtf(dir[0] * dir[0] + dir[1] * dir[1]));
-        const uint32_t *across = envsamp__cdf_edges(t->cdf, from.row) + from.column;
-        const uint32_t *down = envsamp__cdf_words(t->cdf, t->cdf->row_edges_at) + from.row;
+        const inside_texel from = inside_draw(t->cdf, u0, u1);
+        const inside_texel to = inside_find(t->cdf, dir);
+        const uint32_t *across = inside_edges(t->cdf, from.row) + from.column;
+        const uint32_t *down = inside_row_edges(t->cdf) + from.row;
         const int width = t->m->image.width, height = t->m->image.height;
         const double v0 = cell_edge((int)from.row, height);
         const double v1 = cell_edge((int)from.row + 1, height);

@@ -3,7 +3,6 @@
  */
 #include "check.h"
 
-#define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
 #include "kd_fixture.h"
@@ -80,8 +79,8 @@ static double texel_sr(const subject *s, int x, int y)
 /* Probability of a texel, by the edges of the table. */
 static double texel_probability(const subject *s, uint32_t x, uint32_t y)
 {
-    const uint32_t *rows = envsamp__cdf_words(s->cdf, s->cdf->row_edges_at);
-    const uint32_t *edges = envsamp__cdf_edges(s->cdf, y);
+    const uint32_t *rows = inside_row_edges(s->cdf);
+    const uint32_t *edges = inside_edges(s->cdf, y);
 
     return (double)(rows[y + 1] - rows[y]) / UNIT * ((double)(edges[x + 1] - edges[x]) / UNIT);
 }
@@ -111,12 +110,12 @@ static uint32_t plain_find(const uint32_t *edges, uint32_t count, uint32_t draw)
 
 static int same_texel(const envsamp_cdf *cdf, float u0, float u1)
 {
-    const envsamp__texel t = envsamp__cdf_choose(cdf, u0, u1);
-    const uint32_t row = plain_find(envsamp__cdf_words(cdf, cdf->row_edges_at), cdf->height,
-                                    (uint32_t)(u1 * ENVSAMP__UNIT));
+    const inside_texel t = inside_draw(cdf, u0, u1);
+    const uint32_t row = plain_find(inside_row_edges(cdf), CDF_WORD(cdf, height),
+                                    (uint32_t)((double)u1 * UNIT));
 
-    return t.row == row && t.column == plain_find(envsamp__cdf_edges(cdf, row), cdf->width,
-                                                  (uint32_t)(u0 * ENVSAMP__UNIT));
+    return t.row == row && t.column == plain_find(inside_edges(cdf, row), CDF_WORD(cdf, width),
+                                                  (uint32_t)((double)u0 * UNIT));
 }
 
 static void test_search(const char *name, int width, int height, long count)
@@ -153,12 +152,12 @@ static void test_long_cells(void)
     pixels[2 * WIDTH - 1] = 1000.0f;
     subject_of(&s, pixels, WIDTH, 2, 1);
     for (draw = 0; draw < 1 << 24; draw += draw < 300000 || draw > 16400000 ? 1 : 501) {
-        const uint32_t *edges = envsamp__cdf_edges(s.cdf, 0);
+        const uint32_t *edges = inside_edges(s.cdf, 0);
 
         differ += !same_texel(s.cdf, (float)((double)draw / UNIT), 0.0f)
                || !same_texel(s.cdf, (float)((double)draw / UNIT), 0.99f);
-        astray += envsamp__cdf_find(edges, WIDTH, envsamp__cdf_guide(s.cdf, 1), s.cdf->guide_bits,
-                                    (uint32_t)draw) != plain_find(edges, WIDTH, (uint32_t)draw);
+        astray += inside_search(s.cdf, 0, 1, (uint32_t)draw)
+                != plain_find(edges, WIDTH, (uint32_t)draw);
     }
     CHECK(differ == 0, "long cells: %ld draws differ from a binary search", differ);
     CHECK(astray > 1000, "control: with the wrong guide %ld do", astray);
@@ -180,13 +179,13 @@ static void test_every_draw(void)
     int k, wrong = 0;
 
     subject_of(&s, pixels, 5, 3, 1);
-    edges = envsamp__cdf_edges(s.cdf, 0);
-    row_edges = envsamp__cdf_words(s.cdf, s.cdf->row_edges_at);
+    edges = inside_edges(s.cdf, 0);
+    row_edges = inside_row_edges(s.cdf);
     for (i = 0; i < 1 << 24; i++) {
         const float u = (float)((double)i / UNIT);
 
-        columns[envsamp__cdf_choose(s.cdf, u, 0.0f).column] += 1.0;
-        rows[envsamp__cdf_choose(s.cdf, 0.5f, u).row] += 1.0;
+        columns[inside_draw(s.cdf, u, 0.0f).column] += 1.0;
+        rows[inside_draw(s.cdf, 0.5f, u).row] += 1.0;
     }
     for (k = 0; k < 5; k++)
         wrong += columns[k] != (double)(edges[k + 1] - edges[k]);
@@ -313,7 +312,7 @@ static void test_integral(void)
     for (i = 0; i < 1000000; i++) {
         const float u0 = pcg32_float(&random), u1 = pcg32_float(&random);
         const envsamp_sample p = envsamp_cdf_sample(s.cdf, u0, u1);
-        const envsamp__texel t = envsamp__cdf_choose(s.cdf, u0, u1);
+        const inside_texel t = inside_draw(s.cdf, u0, u1);
         const double f = kd_texel(&s.view, (int)t.column, (int)t.row) * (1.0 + (double)p.dir[2]);
 
         stat_moments_add(&good, f / (double)p.pdf);
@@ -339,13 +338,11 @@ static void test_inverse(const char *name, int width, int height)
     for (i = 0; i < COUNT; i++) {
         const float u0 = pcg32_float(&random), u1 = pcg32_float(&random);
         const envsamp_sample p = envsamp_cdf_sample(s.cdf, u0, u1);
-        const envsamp__texel t = envsamp__cdf_choose(s.cdf, u0, u1);
-        const envsamp__cdf_place at = envsamp__cdf_at(s.cdf, p.dir[0], p.dir[1], p.dir[2],
-            ENVSAMP_SQRTF(p.dir[0] * p.dir[0] + p.dir[1] * p.dir[1]));
-        const uint32_t *edge = envsamp__cdf_edges(s.cdf, t.row) + t.column;
-        const uint32_t *row = envsamp__cdf_words(s.cdf, s.cdf->row_edges_at) + t.row;
-        const envsamp__cdf_row *r = envsamp__cdf_rows(s.cdf) + t.row;
-        const float y0 = envsamp__cdf_row_edge(r), y1 = envsamp__cdf_row_edge(r + 1);
+        const inside_texel t = inside_draw(s.cdf, u0, u1);
+        const inside_texel at = inside_find(s.cdf, p.dir);
+        const uint32_t *edge = inside_edges(s.cdf, t.row) + t.column;
+        const uint32_t *row = inside_row_edges(s.cdf) + t.row;
+        const float y0 = inside_row_edge(s.cdf, t.row), y1 = inside_row_edge(s.cdf, t.row + 1);
         double stretch[2];
         float u[2];
 
@@ -358,8 +355,7 @@ static void test_inverse(const char *name, int width, int height)
         exact += u[0] == u0 && u[1] == u1;
         stretch[0] = (double)(edge[1] - edge[0]) / UNIT * width;
         stretch[1] = (double)(row[1] - row[0]) / UNIT
-                   / (0.5 * envsamp__cap_between((double)ENVSAMP_FABSF(y0), envsamp__sign(y0),
-                                                 (double)ENVSAMP_FABSF(y1), envsamp__sign(y1)));
+                   / (0.5 * kd_cap_between(y0, y1));
         worst(&off[0], fabs((double)u[0] - (double)u0) * UNIT / (1.0 + 4.0 * stretch[0]));
         worst(&off[1], fabs((double)u[1] - (double)u1) * UNIT / (1.0 + 4.0 * stretch[1]));
         worst(&control, fabs((double)u[0] - (double)u1) * UNIT / (1.0 + 4.0 * stretch[0]));
@@ -641,7 +637,7 @@ static void test_arguments(void)
     less.data = (char *)s.scratch.buffer.data + 4;
     less.bytes++;
     CHECK(envsamp_cdf_build(&s.view, &s.desc, s.table.buffer, less, &cdf) == ENVSAMP_ERR_ALIGN
-          && envsamp_cdf_open(less.data, sizeof *cdf, &cdf) == ENVSAMP_ERR_ALIGN, "not aligned");
+          && envsamp_cdf_open(less.data, CDF_AT(end), &cdf) == ENVSAMP_ERR_ALIGN, "not aligned");
     subject_free(&s);
 }
 
@@ -673,6 +669,14 @@ static void test_defaults(void)
 
 /* ---- the table as bytes ---- */
 
+static double integral_of(const envsamp_cdf *cdf)
+{
+    envsamp_cdf_info info;
+
+    envsamp_cdf_get_info(cdf, &info);
+    return info.integral;
+}
+
 static void test_bytes(envsamp_mapping mapping, int bilinear, int width, int height)
 {
     subject s, t;
@@ -680,7 +684,6 @@ static void test_bytes(envsamp_mapping mapping, int bilinear, int width, int hei
     kd_guarded copy;
     size_t bytes, i, k;
     int opened = 0, unsafe = 0, caught = 0;
-    uint32_t sum;
 
     memset(&s, 0, sizeof s);
     map_make("night", width, height, &s.map);
@@ -709,10 +712,9 @@ static void test_bytes(envsamp_mapping mapping, int bilinear, int width, int hei
         for (k = 0; k < 8; k += 3) {
             ((unsigned char *)copy.buffer.data)[i] ^= (unsigned char)(1 << k);
             opened += envsamp_cdf_open(copy.buffer.data, bytes, &cdf) == ENVSAMP_OK;
-            sum = envsamp__cdf_header_valid(t.cdf, bytes) ? envsamp__cdf_checksum(t.cdf) : 0;
-            ((envsamp_cdf *)copy.buffer.data)->checksum = sum;
+            inside_cdf_seal(copy.buffer.data, bytes);
             if (envsamp_cdf_open(copy.buffer.data, bytes, &cdf) == ENVSAMP_OK)
-                unsafe += !sane(&t) && t.cdf->integral > 0.0;
+                unsafe += !sane(&t) && integral_of(t.cdf) > 0.0;
             else
                 caught++;
             memcpy(copy.buffer.data, s.cdf, bytes);
@@ -730,25 +732,26 @@ static void test_bytes(envsamp_mapping mapping, int bilinear, int width, int hei
 static void test_row_sides(void)
 {
     const envsamp_cdf *again;
-    envsamp_cdf *cdf;
-    envsamp__cdf_row *rows;
+    float *rows;        /* four for each edge; the heights from either pole come first */
     int opened = 0, control, y;
     subject s;
 
     subject_make(&s, "night", 37, 19);
-    cdf = (envsamp_cdf *)s.table.buffer.data;
-    rows = (envsamp__cdf_row *)(void *)((char *)cdf + cdf->rows_at);
+    rows = (float *)s.table.buffer.data + CDF_PLACE(s.cdf, rows_at) / sizeof *rows;
     for (y = 0; y <= 19; y++) {
-        float *far = rows[y].north > rows[y].south ? &rows[y].north : &rows[y].south;
-        const float kept = *far;
+        float *larger = rows + 4 * y + (rows[4 * y] > rows[4 * y + 1] ? 0 : 1);
+        const float kept = *larger;
+        uint32_t bits;
 
-        *far = envsamp__bits_float(envsamp__float_bits(kept) ^ 1u);
-        cdf->checksum = envsamp__cdf_checksum(cdf);
-        opened += envsamp_cdf_open(cdf, s.sizes.table_bytes, &again) == ENVSAMP_OK;
-        *far = kept;
+        memcpy(&bits, larger, sizeof bits);
+        bits ^= 1u;
+        memcpy(larger, &bits, sizeof bits);
+        inside_cdf_seal(s.table.buffer.data, s.sizes.table_bytes);
+        opened += envsamp_cdf_open(s.cdf, s.sizes.table_bytes, &again) == ENVSAMP_OK;
+        *larger = kept;
     }
-    cdf->checksum = envsamp__cdf_checksum(cdf);
-    control = envsamp_cdf_open(cdf, s.sizes.table_bytes, &again) == ENVSAMP_OK;
+    inside_cdf_seal(s.table.buffer.data, s.sizes.table_bytes);
+    control = envsamp_cdf_open(s.cdf, s.sizes.table_bytes, &again) == ENVSAMP_OK;
     CHECK(opened == 0 && control, "rows whose heights do not agree: %d of 20 open; control: the "
           "whole table does", opened);
     subject_free(&s);

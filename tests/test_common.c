@@ -5,8 +5,7 @@
  */
 #include "check.h"
 
-#define ENVSAMP_IMPLEMENTATION
-#include "../envsamp.h"
+#include "inside.h"
 
 #include "../examples/common/image.h"
 #include "../examples/common/maps.h"
@@ -1088,7 +1087,7 @@ static void add_point(const float uv[2], float scale, mapping_errors *errors)
     octahedral_dir((double)uv[0], (double)uv[1], expected);
     envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, uv[0], uv[1], dir);
     compare_dir(dir, expected, &errors->dir, &errors->length);
-    envsamp__octahedral_dir(uv[0], uv[1], &fast[0], &fast[1], &fast[2]);
+    inside_octahedral_dir(uv, fast);
     compare_dir(fast, expected, &errors->fast_dir, &errors->fast_length);
     for (c = 0; c < 3; c++)
         dir[c] *= scale;
@@ -1096,7 +1095,7 @@ static void add_point(const float uv[2], float scale, mapping_errors *errors)
     compare_uv(dir, back, &errors->uv, errors);
     worst(&errors->round_trip, octahedral_distance((double)back[0], (double)back[1],
                                                    (double)uv[0], (double)uv[1]));
-    envsamp__octahedral_uv(dir[0], dir[1], dir[2], hypotf(dir[0], dir[1]), &back[0], &back[1]);
+    inside_octahedral_uv(dir, back);
     compare_uv(dir, back, &errors->fast_uv, errors);
 }
 
@@ -1323,7 +1322,7 @@ static double look(const envsamp_image *map, int bilinear, double u, double v)
 
 static int wraps(envsamp_mapping mapping, int width, int height, int x, int y, int to_x, int to_y)
 {
-    envsamp__wrap_texel(mapping, width, height, &x, &y);
+    inside_wrap(mapping, width, height, &x, &y);
     return x == to_x && y == to_y;
 }
 

@@ -7,7 +7,6 @@
  */
 #include "check.h"
 
-#define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
 #include "sampler.h"
@@ -325,9 +324,9 @@ static void test_cdf_edges(content what)
     sampler_make(&s, &request);
     for (i = 0; s.result == ENVSAMP_OK && i < 2 * WIDTH * HEIGHT; i++) {
         const uint32_t x = (uint32_t)(i / 2 % WIDTH), y = (uint32_t)(i / 2 / WIDTH);
-        const uint32_t *down = envsamp__cdf_words(s.cdf, s.cdf->row_edges_at) + y;
-        const uint32_t *across = envsamp__cdf_edges(s.cdf, y) + x, last = (uint32_t)(i % 2);
-        const float pdf = envsamp__cdf_parts_pdf(s.cdf, y, x, across[1] - across[0]);
+        const uint32_t *down = inside_row_edges(s.cdf) + y;
+        const uint32_t *across = inside_edges(s.cdf, y) + x, last = (uint32_t)(i % 2);
+        const float pdf = inside_texel_pdf(s.cdf, x, y);
         envsamp_sample sample;
 
         if (down[0] == down[1] || across[0] == across[1])
@@ -382,9 +381,9 @@ static void test_every_draw(content what, int blocks)
     sampler s;
 
     sampler_make(&s, &request);
-    count = s.result == ENVSAMP_OK ? (int)s.kd->block_count : 0;
+    count = s.result == ENVSAMP_OK ? (int)KD_WORD(s.kd, block_count) : 0;
     for (i = 0; count > 0 && i < UNIT; i++) {
-        const int block = envsamp__alias_choose(s.kd, (float)i / (float)UNIT, 0.5f).block;
+        const int block = inside_alias_block(s.kd, (float)i / (float)UNIT, 0.5f);
 
         drawn[block >= 0 && block < count ? block : blocks]++;
     }
@@ -516,7 +515,7 @@ static void test_bad_channels(int kind, int channels)
 /* Whether a table opens with one bit of its integral turned over, and the checksum as it was. */
 static int opens_flipped(sampler *s)
 {
-    const size_t at = s->cdf ? offsetof(envsamp_cdf, integral) : offsetof(envsamp_kd, integral);
+    const size_t at = s->cdf ? CDF_AT(integral) : KD_AT(integral);
     unsigned char *byte = (unsigned char *)s->table.buffer.data + at;
     int opens;
 
@@ -530,18 +529,15 @@ static int opens_flipped(sampler *s)
 static int opens_with(sampler *s, size_t at, uint32_t word)
 {
     unsigned char *byte = (unsigned char *)s->table.buffer.data;
-    uint32_t kept, sum;
+    uint32_t kept;
     int opens;
 
     memcpy(&kept, byte + at, 4);
     memcpy(byte + at, &word, 4);
-    if (s->cdf) {
-        sum = envsamp__cdf_checksum(s->cdf);
-        memcpy(byte + offsetof(envsamp_cdf, checksum), &sum, 4);
-    } else {
-        sum = envsamp__checksum(s->kd);
-        memcpy(byte + offsetof(envsamp_kd, checksum), &sum, 4);
-    }
+    if (s->cdf)
+        inside_cdf_seal(byte, s->table.buffer.bytes);
+    else
+        inside_kd_seal(byte);
     opens = sampler_opens(s);
     memcpy(byte + at, &kept, 4);
     return opens;
@@ -557,22 +553,22 @@ static void test_damaged_kd(int kind)
     sampler s;
 
     sampler_make(&s, &request);
-    if (s.result != ENVSAMP_OK || s.kd->block_count != 40) {
+    if (s.result != ENVSAMP_OK || KD_WORD(s.kd, block_count) != 40) {
         CHECK(0, "%s: a table of 40 blocks", sampler_names[kind]);
         sampler_free(&s);
         return;
     }
-    whole = opens_with(&s, offsetof(envsamp_kd, unused), 0);
-    opened += opens_with(&s, s.kd->nodes_at + 12 * 5 + 4, back | 5);        /* to itself */
-    opened += opens_with(&s, s.kd->nodes_at + 12 * 5 + 8, back | 40);
-    opened += opens_with(&s, s.kd->nodes_at + 12 * 5 + 8, infinite);
-    opened += opens_with(&s, s.kd->grid_at + 16, back | 39);
+    whole = opens_with(&s, KD_AT(unused), 0);
+    opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 4, back | 5);     /* to itself */
+    opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 8, back | 40);
+    opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 8, infinite);
+    opened += opens_with(&s, KD_WORD(s.kd, grid_at) + 16, back | 39);
     if (kind != SAMPLER_WARP)
-        opened += opens_with(&s, s.kd->pdf_at + 8, infinite);
+        opened += opens_with(&s, KD_WORD(s.kd, pdf_at) + 8, infinite);
     if (kind == SAMPLER_ALIAS) {
-        opened += opens_with(&s, s.kd->alias_at, 40);
-        opened += opens_with(&s, s.kd->alias_at, (room + 1) << 6);
-        opened += opens_with(&s, s.kd->alias_at + 4 * 63, 1u << 6);
+        opened += opens_with(&s, KD_WORD(s.kd, alias_at), 40);
+        opened += opens_with(&s, KD_WORD(s.kd, alias_at), (room + 1) << 6);
+        opened += opens_with(&s, KD_WORD(s.kd, alias_at) + 4 * 63, 1u << 6);
     }
     CHECK(whole && !opened, "%s: damaged tables with the right checksum: %d open",
           sampler_names[kind], opened);
@@ -593,13 +589,13 @@ static void test_damaged_cdf(void)
         sampler_free(&s);
         return;
     }
-    memcpy(&guides, (const char *)s.table.buffer.data + s.cdf->guide_at, 4);
-    whole = opens_with(&s, offsetof(envsamp_cdf, unused), 0);
-    opened += opens_with(&s, s.cdf->guide_at, guides + 1);
-    opened += opens_with(&s, s.cdf->edges_at, 1);
-    opened += opens_with(&s, s.cdf->edges_at + 4 * WIDTH, UNIT - 1);
-    opened += opens_with(&s, s.cdf->edges_at + 4 * 7, UNIT + 1);
-    opened += opens_with(&s, s.cdf->rows_at + offsetof(envsamp__cdf_row, density), 0x7f800000u);
+    memcpy(&guides, (const char *)s.table.buffer.data + CDF_PLACE(s.cdf, guide_at), 4);
+    whole = opens_with(&s, CDF_AT(unused), 0);
+    opened += opens_with(&s, CDF_PLACE(s.cdf, guide_at), guides + 1);
+    opened += opens_with(&s, CDF_PLACE(s.cdf, edges_at), 1);
+    opened += opens_with(&s, CDF_PLACE(s.cdf, edges_at) + 4 * WIDTH, UNIT - 1);
+    opened += opens_with(&s, CDF_PLACE(s.cdf, edges_at) + 4 * 7, UNIT + 1);
+    opened += opens_with(&s, CDF_PLACE(s.cdf, rows_at) + 12, 0x7f800000u);
     CHECK(whole && !opened, "cdf: damaged tables with the right checksum: %d open", opened);
     CHECK(!opens_flipped(&s), "nor with the wrong one");
     sampler_free(&s);

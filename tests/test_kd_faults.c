@@ -1,7 +1,6 @@
 /* test_kd_faults.c: kd tables of maps that break samplers, and every kind of bad input. */
 #include "check.h"
 
-#define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
 #include "kd_fixture.h"

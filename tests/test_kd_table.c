@@ -4,7 +4,6 @@
  */
 #include "check.h"
 
-#define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
 #include "kd_fixture.h"
@@ -296,7 +295,7 @@ static uint32_t checksum(const unsigned char *table, size_t bytes)
     uint32_t sum = 2166136261u;
     size_t at;
 
-    for (at = offsetof(envsamp_kd, checksum) + 4; at + 4 <= bytes; at += 4) {
+    for (at = KD_AT(checksum) + 4; at + 4 <= bytes; at += 4) {
         sum = (sum ^ word_at(table, at)) * 16777619u;
         sum ^= sum >> 15;
     }
@@ -306,10 +305,10 @@ static uint32_t checksum(const unsigned char *table, size_t bytes)
 /* The sum of as many bytes as the header claims, as far as there are that many. */
 static void mend_checksum(unsigned char *table, size_t bytes)
 {
-    const size_t claimed = word_at(table, offsetof(envsamp_kd, bytes));
+    const size_t claimed = word_at(table, KD_AT(bytes));
     const uint32_t sum = checksum(table, claimed < bytes ? claimed : bytes);
 
-    memcpy(table + offsetof(envsamp_kd, checksum), &sum, sizeof sum);
+    memcpy(table + KD_AT(checksum), &sum, sizeof sum);
 }
 
 static uint32_t nasty_word(pcg32 *random, uint32_t word)
@@ -335,7 +334,7 @@ static uint32_t nasty_word(pcg32 *random, uint32_t word)
 /* Damages one to three words, header and arrays alike. */
 static void mutate(unsigned char *table, size_t bytes, pcg32 *random)
 {
-    const size_t words = bytes / 4, header = sizeof(envsamp_kd) / 4;
+    const size_t words = bytes / 4, header = KD_AT(end) / 4;
     int count = 1 + (int)(pcg32_next(random) % 3);
 
     while (count-- > 0) {
@@ -419,7 +418,7 @@ static void test_mutations(const kd_fixture *f, int count, int samples)
     int i, opened = 0, failed = 0, kept = 0;
 
     CHECK(checksum((const unsigned char *)f->kd, bytes)
-          == word_at((const unsigned char *)f->kd, offsetof(envsamp_kd, checksum)),
+          == word_at((const unsigned char *)f->kd, KD_AT(checksum)),
           "the checksum is the one that is documented");
     for (i = 0; i < count; i++) {
         memcpy(copy, f->kd, bytes);
@@ -562,7 +561,7 @@ static void test_wrong_densities(trial *t)
 
     for (i = 0; i < t->f->info.block_count; i++)
         for (v = 0; v < 5; v++)
-            opened += opens_with_float(t, t->f->kd->pdf_at + 4 * (size_t)i, bad[v]);
+            opened += opens_with_float(t, KD_WORD(t->f->kd, pdf_at) + 4 * (size_t)i, bad[v]);
     CHECK(!opened, "densities below 0 or not finite are refused, but %d", opened);
 }
 
@@ -576,39 +575,39 @@ static void test_wrong_source(trial *t)
     int i, opened = 0;
 
     for (i = 0; i < 6; i++)
-        opened += opens_with_float(t, offsetof(envsamp_kd, mis_compensation), compensations[i]);
+        opened += opens_with_float(t, KD_AT(mis_compensation), compensations[i]);
     for (i = 0; i < 7; i++)
-        opened += opens_with_float(t, offsetof(envsamp_kd, polar_end), ends[i]);
-    opened += opens_with_float(t, offsetof(envsamp_kd, polar_end),
+        opened += opens_with_float(t, KD_AT(polar_end), ends[i]);
+    opened += opens_with_float(t, KD_AT(polar_end),
                                t->f->image.mapping == ENVSAMP_HEMISPHERE ? 2.0f : 1.0f);
     for (i = 0; i < 5; i++) {
-        opened += opens_with_word(t, offsetof(envsamp_kd, mapping), words[i]);
-        opened += opens_with_word(t, offsetof(envsamp_kd, bilinear), words[i]);
+        opened += opens_with_word(t, KD_AT(mapping), words[i]);
+        opened += opens_with_word(t, KD_AT(bilinear), words[i]);
     }
-    opened += opens_with_word(t, offsetof(envsamp_kd, bilinear), 2);
-    opened += latlong && opens_with_word(t, offsetof(envsamp_kd, mapping), ENVSAMP_HEMISPHERE);
-    opened += latlong && opens_with_word(t, offsetof(envsamp_kd, mapping), ENVSAMP_OCTAHEDRAL);
+    opened += opens_with_word(t, KD_AT(bilinear), 2);
+    opened += latlong && opens_with_word(t, KD_AT(mapping), ENVSAMP_HEMISPHERE);
+    opened += latlong && opens_with_word(t, KD_AT(mapping), ENVSAMP_OCTAHEDRAL);
     for (i = 2; i < 5; i++) {
-        opened += opens_with_word(t, offsetof(envsamp_kd, width), words[i]);
-        opened += opens_with_word(t, offsetof(envsamp_kd, height), words[i]);
+        opened += opens_with_word(t, KD_AT(width), words[i]);
+        opened += opens_with_word(t, KD_AT(height), words[i]);
     }
-    opened += opens_with_word(t, offsetof(envsamp_kd, width), 0);
-    opened += opens_with_word(t, offsetof(envsamp_kd, height), 0);
-    opened += opens_with_word(t, offsetof(envsamp_kd, version), 3);
-    opened += opens_with_word(t, offsetof(envsamp_kd, version), 5);
+    opened += opens_with_word(t, KD_AT(width), 0);
+    opened += opens_with_word(t, KD_AT(height), 0);
+    opened += opens_with_word(t, KD_AT(version), 3);
+    opened += opens_with_word(t, KD_AT(version), 5);
     CHECK(!opened, "of another map, mapping or version: refused, but %d", opened);
 }
 
 /* Places of arrays, and what else follows from the rest of the header. */
 static void test_wrong_places(trial *t)
 {
-    const size_t at[] = { offsetof(envsamp_kd, tiles_at), offsetof(envsamp_kd, warp_at),
-                          offsetof(envsamp_kd, edges_at), offsetof(envsamp_kd, pdf_at),
-                          offsetof(envsamp_kd, alias_at), offsetof(envsamp_kd, roots_at),
-                          offsetof(envsamp_kd, nodes_at), offsetof(envsamp_kd, grid_at),
-                          offsetof(envsamp_kd, bytes), offsetof(envsamp_kd, alias_shift),
-                          offsetof(envsamp_kd, grid_scale_x), offsetof(envsamp_kd, grid_scale_y),
-                          offsetof(envsamp_kd, fit_end), offsetof(envsamp_kd, fit_step) };
+    const size_t at[] = { KD_AT(tiles_at), KD_AT(warp_at),
+                          KD_AT(edges_at), KD_AT(pdf_at),
+                          KD_AT(alias_at), KD_AT(roots_at),
+                          KD_AT(nodes_at), KD_AT(grid_at),
+                          KD_AT(bytes), KD_AT(alias_shift),
+                          KD_AT(grid_scale_x), KD_AT(grid_scale_y),
+                          KD_AT(fit_end), KD_AT(fit_step) };
     int i, opened = 0;
 
     for (i = 0; i < 14; i++) {
@@ -629,7 +628,7 @@ static void test_wrong_cuts(trial *t)
     int i, v, opened = 0, turned = 0;
 
     for (i = 0; i < cuts; i++) {
-        const size_t at = t->f->kd->warp_at + 16 * (size_t)i;
+        const size_t at = KD_WORD(t->f->kd, warp_at) + 16 * (size_t)i;
         const float cut = float_at(t, at), edge = float_at(t, at + 4);
 
         for (v = 0; v < 5; v++)
@@ -652,13 +651,14 @@ static void test_wrong_order(trial *t)
     const uint32_t tiles = (uint32_t)kd_tile_count(t->f->kd);
     const uint32_t cuts = (uint32_t)t->f->info.block_count - tiles;
     const size_t sites = tiles + 2 * cuts;
+    const size_t roots = KD_WORD(t->f->kd, roots_at), cut = KD_WORD(t->f->kd, warp_at);
     uint32_t wrong[4] = { 0, 0, KD_LINK | 0x7fffffffu, 0x7f800000u };
     size_t i, k;
     int opened = 0, links = 0;
 
     for (i = 0; i < sites; i++) {
-        const size_t at = i < tiles ? t->f->kd->roots_at + 4 * i
-                        : t->f->kd->warp_at + 16 * ((i - tiles) / 2) + 8 + 4 * ((i - tiles) % 2);
+        const size_t at = i < tiles ? roots + 4 * i
+                        : cut + 16 * ((i - tiles) / 2) + 8 + 4 * ((i - tiles) % 2);
         const uint32_t link = word_at(t->table, at);
 
         links += link >> 31 ? 1 : 0;
@@ -676,22 +676,22 @@ static void test_wrong_order(trial *t)
 /* A chain of cuts below a tile, each nearer to the low edge, with its first at entry `first`. */
 static void write_chain(trial *t, int tile, int first, int count)
 {
-    const size_t tile_at = t->f->kd->tiles_at + 16 * (size_t)tile;
+    const size_t tile_at = KD_WORD(t->f->kd, tiles_at) + 16 * (size_t)tile;
     const float x0 = float_at(t, tile_at), x1 = float_at(t, tile_at + 4);
     uint32_t root = KD_LINK | (uint32_t)first;
     int i;
 
     if (!count)
         root = 0x3f800000u;
-    memcpy(t->table + t->f->kd->roots_at + 4 * (size_t)tile, &root, sizeof root);
+    memcpy(t->table + KD_WORD(t->f->kd, roots_at) + 4 * (size_t)tile, &root, sizeof root);
     for (i = 0; i < count; i++) {
-        envsamp__warp node;
+        struct { float cut, edge; uint32_t child[2]; } node;
 
         node.cut = (float)(count - i) / 256.0f;
         node.edge = x0 + (x1 - x0) * node.cut;
         node.child[0] = i + 1 < count ? KD_LINK | (uint32_t)(first + i + 1) : 0x3f800000u;
         node.child[1] = 0x3f800000u;
-        memcpy(t->table + t->f->kd->warp_at + sizeof node * (size_t)(first + i), &node,
+        memcpy(t->table + KD_WORD(t->f->kd, warp_at) + sizeof node * (size_t)(first + i), &node,
                sizeof node);
     }
 }
@@ -700,7 +700,7 @@ static void write_chain(trial *t, int tile, int first, int count)
 static int opens_with_depth(trial *t, int depth)
 {
     const int tiles = kd_tile_count(t->f->kd), cuts = t->f->info.block_count - tiles;
-    const int second = 1 << t->f->kd->tile_bits_x;
+    const int second = 1 << KD_WORD(t->f->kd, tile_bits_x);
     int i;
 
     for (i = 0; i < tiles; i++)
@@ -721,9 +721,9 @@ static void test_too_deep(trial *t)
 /* The header of a table of WARP and its sizes. */
 static void test_wrong_bits(trial *t)
 {
-    const size_t at[] = { offsetof(envsamp_kd, tile_bits_x), offsetof(envsamp_kd, tile_bits_y),
-                          offsetof(envsamp_kd, grid_bits_x), offsetof(envsamp_kd, grid_bits_y),
-                          offsetof(envsamp_kd, block_count), offsetof(envsamp_kd, select) };
+    const size_t at[] = { KD_AT(tile_bits_x), KD_AT(tile_bits_y),
+                          KD_AT(grid_bits_x), KD_AT(grid_bits_y),
+                          KD_AT(block_count), KD_AT(select) };
     const uint32_t words[] = { 0, 1, 9, 11, 12, 31, 32, 63, 0xffffffffu };
     int i, k, opened = 0;
 
@@ -741,9 +741,9 @@ static void test_refusals(int kind)
     build_kind(&f, kind, "foliage", 64, 32, 60);
     t = trial_make(&f);
     if (f.desc.select == ENVSAMP_KD_WARP) {
-        test_wrong_edges(&t, f.kd->tiles_at, kd_tile_count(f.kd), "tiles");
+        test_wrong_edges(&t, KD_WORD(f.kd, tiles_at), kd_tile_count(f.kd), "tiles");
     } else {
-        test_wrong_edges(&t, f.kd->edges_at, f.info.block_count, "blocks");
+        test_wrong_edges(&t, KD_WORD(f.kd, edges_at), f.info.block_count, "blocks");
         test_wrong_densities(&t);
     }
     test_wrong_source(&t);

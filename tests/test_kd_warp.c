@@ -6,7 +6,6 @@
  */
 #include "check.h"
 
-#define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
 #include "kd_reference.h"

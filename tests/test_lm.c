@@ -2,7 +2,6 @@
  * unconstrained optimization software", ACM TOMS 7 (1981), and on bad input. Their numbering is
  * given as [MGH n]. Minima are those of that paper, with the further digits that NIST certifies
  * where a problem is also in its StRD collection (Meyer, Kowalik-Osborne, Osborne 1). */
-#define ENVSAMP_IMPLEMENTATION
 #include "envsamp.h"
 #include "check.h"
 

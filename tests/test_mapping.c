@@ -3,10 +3,11 @@
 #include "check.h"
 #include "statistics.h"
 
-#define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
 #include "sampler.h"
+
+#include <float.h>
 
 /* ---- mappings, once more ---- */
 
@@ -641,10 +642,10 @@ static int opens_damaged(const sampler *s, kd_guarded *copy)
 {
     static const uint32_t wrong[] = { 0, 1, 2, 3, 255, 0xffffffffu, 0x3f000000u, 0x3f800000u,
                                       0xbf800000u, 0x7fc00000u, 0x7f800000u, 0x40000000u };
-    const size_t kd_at[] = { offsetof(envsamp_kd, mapping), offsetof(envsamp_kd, bilinear),
-                             offsetof(envsamp_kd, mis_compensation) };
-    const size_t cdf_at[] = { offsetof(envsamp_cdf, mapping), offsetof(envsamp_cdf, bilinear),
-                              offsetof(envsamp_cdf, mis_compensation) };
+    const size_t kd_at[] = { KD_AT(mapping), KD_AT(bilinear),
+                             KD_AT(mis_compensation) };
+    const size_t cdf_at[] = { CDF_AT(mapping), CDF_AT(bilinear),
+                              CDF_AT(mis_compensation) };
     unsigned char *bytes = (unsigned char *)copy->buffer.data;
     int i, k, opened = 0;
 

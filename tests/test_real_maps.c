@@ -3,7 +3,6 @@
  */
 #include "check.h"
 
-#define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
 #include "kd_reference.h"
@@ -140,7 +139,7 @@ static figures measure(int index)
     if (m.built) {
         m.alias = r.f.info.excess_variance;
         m.brute_force = reference_excess(&r);
-        m.edges_bytes = r.f.kd->pdf_at - r.f.kd->edges_at;
+        m.edges_bytes = KD_WORD(r.f.kd, pdf_at) - KD_WORD(r.f.kd, edges_at);
         m.mismatched = mismatches(r.f.kd);
     }
     reference_free(&r);

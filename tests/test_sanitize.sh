@@ -17,16 +17,27 @@ if $cc -fsanitize=$kinds "$tmp/probe.c" -o "$tmp/probe" 2>/dev/null && "$tmp/pro
 else
     able=0
 fi
+
+# What is compiled once for all of them.
+aids="tests/envsamp.c tests/inside.c tests/statistics.c
+      examples/common/image.c examples/common/maps.c"
+flags="-std=c99 -O1 -g -fsanitize=$kinds -fno-sanitize-recover=all -I$PWD -I$PWD/examples/common"
+objects=
+if [ $able = 1 ]; then
+    for aid in $aids; do
+        object=$tmp/$(basename "$aid" .c).o
+        objects="$objects $object"
+        $cc $flags -c "$aid" -o "$object" || exit 1
+    done
+fi
 for subject in $subjects; do
     count=$((count + 1))
     case $subject in kd_warp | halftone) quick=quick ;; *) quick= ;; esac
     case $subject in halftone | lights*) folder=$tmp ;; *) folder=. ;; esac
     if [ $able = 0 ]; then
         echo "ok $count # SKIP $subject: $cc has no address sanitizer here"
-    elif $cc -std=c99 -O1 -g -fsanitize=$kinds -fno-sanitize-recover=all -I. \
-            -Iexamples/common "tests/test_$subject.c" tests/statistics.c \
-            examples/common/image.c examples/common/maps.c -lm -o "$tmp/$subject" \
-            2>"$tmp/log" && (cd "$folder" && "$tmp/$subject" $quick) >"$tmp/out" 2>>"$tmp/log"; then
+    elif $cc $flags "tests/test_$subject.c" $objects -lm -o "$tmp/$subject" 2>"$tmp/log" \
+            && (cd "$folder" && "$tmp/$subject" $quick) >"$tmp/out" 2>>"$tmp/log"; then
         echo "ok $count - $subject is clean under the sanitizers"
     else
         echo "not ok $count - $subject is clean under the sanitizers"

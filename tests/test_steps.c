@@ -2,11 +2,11 @@
  * call, stop where they are told to, and refuse what makes no sense. */
 #include "check.h"
 
-#define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
 #include "sampler.h"
 
+#include <float.h>
 #include <limits.h>
 
 /* ---- maps ---- */

@@ -78,6 +78,7 @@ static UNCOUNTED double counted_sqrt(double x)
 #define hypot(x, y) COUNTED((hypot)(x, y))
 #define hypotf(x, y) COUNTED((hypotf)(x, y))
 
+#define ENVSAMP_STATIC
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
@@ -199,7 +200,7 @@ static void test_libm(int kind, envsamp_mapping mapping, int bilinear)
     built = sampler_make(&s, &request);
     if (built)
         use(&s, mapping);
-    for (i = 0; built && kind != SAMPLER_CDF && i < (int)s.kd->block_count; i++) {
+    for (i = 0; built && kind != SAMPLER_CDF && i < (int)KD_WORD(s.kd, block_count); i++) {
         envsamp_kd_block block;
 
         envsamp_kd_get_block(s.kd, i, &block);

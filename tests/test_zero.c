@@ -1,7 +1,6 @@
 /* Zero is the default: a description of zeros, and one of which a single field was set, give the
    bits that _defaults() gives; what 0 would mean is said by a negative number; fields that are not
    used yet must be 0. */
-#define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 #include "lights_fixture.h"
 #include "check.h"

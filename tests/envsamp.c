@@ -1,0 +1,3 @@
+/* The library, compiled once for all tests and examples. */
+#define ENVSAMP_IMPLEMENTATION
+#include "../envsamp.h"

@@ -1,0 +1,247 @@
+/* Copies of the library's functions for this file alone: of the same header, by the same flags. */
+#define ENVSAMP_STATIC
+#define ENVSAMP_IMPLEMENTATION
+#include "inside.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+/* ---- fields ---- */
+
+typedef struct field { const char *name; size_t at; } field;
+
+static size_t find(const field *fields, size_t count, const char *name)
+{
+    size_t i;
+
+    for (i = 0; i < count; i++)
+        if (!strcmp(fields[i].name, name))
+            return fields[i].at;
+    printf("Bail out! inside.c: no field %s\n", name);
+    exit(1);
+}
+
+size_t inside_kd_at(const char *name)
+{
+#define FIELD(name) { #name, offsetof(envsamp_kd, name) }
+    static const field fields[] = {
+        FIELD(version), FIELD(bytes), FIELD(checksum), FIELD(select), FIELD(mapping),
+        FIELD(width), FIELD(height), FIELD(block_count), FIELD(alias_shift), FIELD(grid_bits_x),
+        FIELD(grid_bits_y), FIELD(tile_bits_x), FIELD(tile_bits_y), FIELD(grid_scale_x),
+        FIELD(grid_scale_y), FIELD(bilinear), FIELD(fit_end), FIELD(fit_step), FIELD(tiles_at),
+        FIELD(warp_at), FIELD(edges_at), FIELD(pdf_at), FIELD(alias_at), FIELD(roots_at),
+        FIELD(nodes_at), FIELD(grid_at), FIELD(polar_end), FIELD(integral),
+        FIELD(mis_compensation), FIELD(unused), { "end", sizeof(envsamp_kd) }
+    };
+#undef FIELD
+
+    return find(fields, sizeof fields / sizeof fields[0], name);
+}
+
+size_t inside_cdf_at(const char *name)
+{
+#define FIELD(name) { #name, offsetof(envsamp_cdf, name) }
+    static const field fields[] = {
+        FIELD(checksum), FIELD(mapping), FIELD(width), FIELD(height), FIELD(rows_at),
+        FIELD(guide_at), FIELD(edges_at), FIELD(integral), FIELD(mis_compensation),
+        FIELD(bilinear), FIELD(unused), { "end", sizeof(envsamp_cdf) }
+    };
+#undef FIELD
+
+    return find(fields, sizeof fields / sizeof fields[0], name);
+}
+
+uint32_t inside_word(const void *table, size_t at)
+{
+    uint32_t word;
+
+    memcpy(&word, (const char *)table + at, sizeof word);
+    return word;
+}
+
+size_t inside_place(const void *table, size_t at)
+{
+    uint64_t place;
+
+    memcpy(&place, (const char *)table + at, sizeof place);
+    return (size_t)place;
+}
+
+void inside_kd_seal(void *table)
+{
+    envsamp_kd *kd = (envsamp_kd *)table;
+
+    kd->checksum = envsamp__checksum(kd);
+}
+
+void inside_cdf_seal(void *table, size_t bytes)
+{
+    envsamp_cdf *cdf = (envsamp_cdf *)table;
+
+    cdf->checksum = envsamp__cdf_header_valid(cdf, bytes) ? envsamp__cdf_checksum(cdf) : 0;
+}
+
+/* ---- blocks of WARP ---- */
+
+int kd_tile_count(const envsamp_kd *kd)
+{
+    return 1 << (kd->tile_bits_x + kd->tile_bits_y);
+}
+
+kd_warp_block kd_tile(const envsamp_kd *kd, int tile)
+{
+    const char *base = (const char *)kd;
+    const int column = tile & ((1 << kd->tile_bits_x) - 1), row = tile >> kd->tile_bits_x;
+    kd_warp_block b;
+    int axis;
+
+    memcpy(b.edge, base + kd->tiles_at + 16 * tile, sizeof b.edge);
+    memcpy(&b.link, base + kd->roots_at + 4 * tile, sizeof b.link);
+    b.tile = tile;
+    b.depth = 0;
+    for (axis = 0; axis < 2; axis++) {
+        const double side = (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+
+        b.low[axis] = (double)(axis ? row : column) * side;
+        b.high[axis] = b.low[axis] + side;
+    }
+    return b;
+}
+
+/* One side of the cut that a link leads to. */
+static kd_warp_block kd_side(const envsamp_kd *kd, const kd_warp_block *whole, int high)
+{
+    kd_warp_block b = *whole;
+    envsamp__warp node;
+    double at;
+    int axis;
+
+    memcpy(&node, (const char *)kd + kd->warp_at + sizeof node * (whole->link & ~KD_LINK),
+           sizeof node);
+    axis = signbit(node.cut) ? 1 : 0;
+    at = fabs((double)node.cut) * (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+    at += (double)(axis ? b.tile >> kd->tile_bits_x : b.tile & ((1 << kd->tile_bits_x) - 1))
+        * (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+    *(high ? &b.low[axis] : &b.high[axis]) = at;
+    b.edge[2 * axis + (high ? 0 : 1)] = node.edge;
+    b.link = node.child[high];
+    b.depth++;
+    return b;
+}
+
+int kd_warp_blocks(const envsamp_kd *kd, kd_warp_block *blocks, int room)
+{
+    int tile, count = 0;
+
+    for (tile = 0; tile < kd_tile_count(kd); tile++) {
+        kd_warp_block stack[KD_DEEPEST + 2];
+        int top = 0;
+
+        stack[top++] = kd_tile(kd, tile);
+        while (top > 0) {
+            const kd_warp_block b = stack[--top];
+
+            if (!(b.link & KD_LINK)) {
+                if (count < room)
+                    blocks[count] = b;
+                count++;
+            } else if (top < KD_DEEPEST + 1) {
+                stack[top++] = kd_side(kd, &b, 1);
+                stack[top++] = kd_side(kd, &b, 0);
+            }
+        }
+    }
+    return count;
+}
+
+kd_warp_block kd_warp_at(const envsamp_kd *kd, double u0, double u1)
+{
+    const int column = (int)(u0 * (double)(1 << kd->tile_bits_x));
+    const int row = (int)(u1 * (double)(1 << kd->tile_bits_y));
+    kd_warp_block b = kd_tile(kd, (row << kd->tile_bits_x) + column);
+
+    while (b.link & KD_LINK) {
+        const kd_warp_block low = kd_side(kd, &b, 0), high = kd_side(kd, &b, 1);
+        const int above = u0 * 16777216.0 >= high.low[0] && u1 * 16777216.0 >= high.low[1];
+
+        b = above ? high : low;
+    }
+    return b;
+}
+
+/* ---- ALIAS ---- */
+
+void inside_kd_edges(const envsamp_kd *kd, int block, float edge[4])
+{
+    memcpy(edge, envsamp__floats(kd, kd->edges_at) + 4 * block, 4 * sizeof *edge);
+}
+
+int inside_alias_block(const envsamp_kd *kd, float u0, float u1)
+{
+    return envsamp__alias_choose(kd, u0, u1).block;
+}
+
+/* ---- cdf ---- */
+
+const uint32_t *inside_row_edges(const envsamp_cdf *cdf)
+{
+    return envsamp__cdf_words(cdf, cdf->row_edges_at);
+}
+
+const uint32_t *inside_edges(const envsamp_cdf *cdf, uint32_t row)
+{
+    return envsamp__cdf_edges(cdf, row);
+}
+
+float inside_row_edge(const envsamp_cdf *cdf, uint32_t row)
+{
+    return envsamp__cdf_row_edge(envsamp__cdf_rows(cdf) + row);
+}
+
+inside_texel inside_draw(const envsamp_cdf *cdf, float u0, float u1)
+{
+    const envsamp__texel t = envsamp__cdf_choose(cdf, u0, u1);
+    const inside_texel texel = { t.column, t.row };
+
+    return texel;
+}
+
+inside_texel inside_find(const envsamp_cdf *cdf, const float dir[3])
+{
+    const float r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
+    const envsamp__cdf_place at = envsamp__cdf_at(cdf, dir[0], dir[1], dir[2], r);
+    const inside_texel texel = { at.column, at.row };
+
+    return texel;
+}
+
+float inside_texel_pdf(const envsamp_cdf *cdf, uint32_t column, uint32_t row)
+{
+    const uint32_t *edge = envsamp__cdf_edges(cdf, row) + column;
+
+    return envsamp__cdf_parts_pdf(cdf, row, column, edge[1] - edge[0]);
+}
+
+uint32_t inside_search(const envsamp_cdf *cdf, uint32_t row, uint32_t guide, uint32_t draw)
+{
+    return envsamp__cdf_find(envsamp__cdf_edges(cdf, row), cdf->width,
+                             envsamp__cdf_guide(cdf, guide), cdf->guide_bits, draw);
+}
+
+/* ---- mappings ---- */
+
+void inside_octahedral_dir(const float uv[2], float dir[3])
+{
+    envsamp__octahedral_dir(uv[0], uv[1], &dir[0], &dir[1], &dir[2]);
+}
+
+void inside_octahedral_uv(const float dir[3], float uv[2])
+{
+    envsamp__octahedral_uv(dir[0], dir[1], dir[2], hypotf(dir[0], dir[1]), &uv[0], &uv[1]);
+}
+
+void inside_wrap(envsamp_mapping mapping, int width, int height, int *x, int *y)
+{
+    envsamp__wrap_texel(mapping, width, height, x, y);
+}

@@ -1,0 +1,97 @@
+/* inside.h: what tests see of the inside of a table. Of all tests only inside.c has the library's
+ * private names; the others ask it, and are linked to the library as its users are.
+ */
+#ifndef INSIDE_H
+#define INSIDE_H
+
+#include "../envsamp.h"
+
+#include <string.h>
+
+/* ---- fields ---- */
+
+/* Where the header of a table has a field, in bytes, and the 32 bits that it holds. */
+#define KD_AT(field)        inside_kd_at(#field)
+#define CDF_AT(field)       inside_cdf_at(#field)
+#define KD_WORD(kd, field)  inside_word(kd, KD_AT(field))
+#define CDF_WORD(cdf, field) inside_word(cdf, CDF_AT(field))
+#define CDF_PLACE(cdf, field) inside_place(cdf, CDF_AT(field))      /* of 64 bits */
+
+extern size_t inside_kd_at(const char *field);      /* "end": the size of the header */
+extern size_t inside_cdf_at(const char *field);
+extern uint32_t inside_word(const void *table, size_t at);
+extern size_t inside_place(const void *table, size_t at);
+
+/* Makes the checksum of a damaged table right; of a cdf whose header is wrong it becomes 0. */
+extern void inside_kd_seal(void *table);
+extern void inside_cdf_seal(void *table, size_t bytes);
+
+/* ---- blocks of WARP, read from the table ---- */
+
+#define KD_LINK 0x80000000u     /* top bit of a link that is no density */
+#define KD_DEEPEST 32           /* cuts below a tile */
+
+/* A block, or a part of a tile on the way to one: its place in the unit square in units of 2^-24,
+   its edges as stored, x0, x1, y0, y1, and the link that leads to it. */
+typedef struct kd_warp_block {
+    double low[2], high[2];
+    float edge[4];
+    uint32_t link;
+    int tile, depth;
+} kd_warp_block;
+
+static inline float kd_density(const kd_warp_block *block)
+{
+    float pdf;
+
+    memcpy(&pdf, &block->link, sizeof pdf);
+    return pdf;
+}
+
+extern int kd_tile_count(const envsamp_kd *kd);
+
+/* A tile, on the way to its blocks. */
+extern kd_warp_block kd_tile(const envsamp_kd *kd, int tile);
+
+/* All blocks, in the order of the table. Returns how many; `room` at most, and no tree deeper than
+   the limit is walked to its end. */
+extern int kd_warp_blocks(const envsamp_kd *kd, kd_warp_block *blocks, int room);
+
+/* The block that draws (u0, u1), each in [0, 1). */
+extern kd_warp_block kd_warp_at(const envsamp_kd *kd, double u0, double u1);
+
+/* ---- ALIAS ---- */
+
+/* x0, x1, y0, y1 of a block as stored: ALIAS and FIT. */
+extern void inside_kd_edges(const envsamp_kd *kd, int block, float edge[4]);
+
+extern int inside_alias_block(const envsamp_kd *kd, float u0, float u1);
+
+/* ---- cdf ---- */
+
+typedef struct inside_texel { uint32_t column, row; } inside_texel;
+
+/* Where rows, and the columns of a row, begin among 2^24 numbers, and where the last ends. */
+extern const uint32_t *inside_row_edges(const envsamp_cdf *cdf);
+extern const uint32_t *inside_edges(const envsamp_cdf *cdf, uint32_t row);
+
+/* The upper edge of a row as a kd table has it. */
+extern float inside_row_edge(const envsamp_cdf *cdf, uint32_t row);
+
+/* The texel that is drawn, the one that a direction lies in, and the density of one. */
+extern inside_texel inside_draw(const envsamp_cdf *cdf, float u0, float u1);
+extern inside_texel inside_find(const envsamp_cdf *cdf, const float dir[3]);
+extern float inside_texel_pdf(const envsamp_cdf *cdf, uint32_t column, uint32_t row);
+
+/* The guided search of a row's edges, with the guide of another row. */
+extern uint32_t inside_search(const envsamp_cdf *cdf, uint32_t row, uint32_t guide, uint32_t draw);
+
+/* ---- mappings ---- */
+
+/* As sampling has them, faster than the public functions. */
+extern void inside_octahedral_dir(const float uv[2], float dir[3]);
+extern void inside_octahedral_uv(const float dir[3], float uv[2]);
+
+extern void inside_wrap(envsamp_mapping mapping, int width, int height, int *x, int *y);
+
+#endif
