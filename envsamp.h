@@ -136,6 +136,7 @@
  * LIMITS. Directions may be 1e-15 to 1e18 long. Tables are in the
  * byte order of the machine that built them; one from a machine of the other order fails to open.
  * A map with nothing brighter than 1e-36 is sampled right, but its info has lost digits.
+ * Where size_t has 32 bits, _sizes refuses maps of 4 GB and buffers of 2 GB: ENVSAMP_ERR_SIZE.
  *
  * REFERENCES
  *  [1] Ergun, Kurt, Ozturk: Real-time Kd-tree Based Importance Sampling of Environment Maps.
@@ -397,7 +398,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
 
 /* n samples, or densities, at once; the same bits as one at a time, in a half to a third of the
    time. Outputs may be the inputs where they have the same type and index, else must not
-   overlap. */
+   overlap. n: SIZE_MAX / 8 at most, which is asserted. */
 ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
                                      const float *u1, float *x, float *y, float *z, float *pdf);
 ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
@@ -1827,6 +1828,17 @@ static void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
     return piece;
 }
 
+/* Bytes of two buffers. No object is larger than half of what a size_t counts to: where that has 32
+   bits, the sizes of large maps are refused. */
+static envsamp_result envsamp__set_sizes(envsamp_sizes *sizes, uint64_t table, uint64_t scratch)
+{
+    if (table > SIZE_MAX / 2 || scratch > SIZE_MAX / 2)
+        return ENVSAMP_ERR_SIZE;
+    sizes->table_bytes = (size_t)table;
+    sizes->scratch_bytes = (size_t)scratch;
+    return ENVSAMP_OK;
+}
+
 /* ---- luminance of an image ---- */
 
 /* Luminance of `count` pixels with bad ones among them; returns how many those are. */
@@ -2527,7 +2539,8 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
     }
     lines = lines ? lines : (uint64_t)map->height + (uint64_t)bilinear;
     map->knot_count = (size_t)lines * map->stride;
-    map->knots = (float *)envsamp__take(arena, map->knot_count + ENVSAMP__BEYOND, sizeof(float));
+    map->knots = (float *)envsamp__take(arena, lines * map->stride + ENVSAMP__BEYOND,
+                                        sizeof(float));
 }
 
 /* ============================================================================================
@@ -5194,15 +5207,11 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     if (result != ENVSAMP_OK)
         return result;
     envsamp__kd_carve(&job, image, &filled, &arena);
-    if (arena.used > SIZE_MAX)
-        return ENVSAMP_ERR_SIZE;
     envsamp__kd_head(&layout, image, &filled);
     layout.block_count = (uint32_t)job.block_limit;
     layout.tile_bits_x = (uint32_t)envsamp__most_tile_bits(job.block_limit);
     envsamp__kd_layout(&layout);
-    sizes->table_bytes = layout.bytes;
-    sizes->scratch_bytes = (size_t)arena.used;
-    return ENVSAMP_OK;
+    return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
 
 static envsamp_result envsamp__buffers_check(const envsamp_sizes *sizes, envsamp_buffer table,
@@ -5851,7 +5860,7 @@ ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float
 {
     size_t i;
 
-    ENVSAMP_ASSERT(kd && ((u0 && u1 && x && y && z && pdf) || !n));
+    ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
     for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
         envsamp__sample_batch(kd, ENVSAMP__BATCH, u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
     envsamp__sample_batch(kd, (int)(n - i), u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
@@ -5902,7 +5911,7 @@ ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x
 {
     size_t i;
 
-    ENVSAMP_ASSERT(kd && ((x && y && z && pdf) || !n));
+    ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
     for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
         envsamp__pdf_batch(kd, ENVSAMP__BATCH, x + i, y + i, z + i, pdf + i);
     envsamp__pdf_batch(kd, (int)(n - i), x + i, y + i, z + i, pdf + i);
@@ -6494,11 +6503,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
         return ENVSAMP_ERR_PARAM;
     envsamp__cdf_carve(&job, image, desc, &arena);
     envsamp__cdf_head(&layout, image, desc);
-    if (layout.bytes > SIZE_MAX / 2)        /* where size_t has 32 bits */
-        return ENVSAMP_ERR_SIZE;
-    sizes->table_bytes = (size_t)layout.bytes;
-    sizes->scratch_bytes = (size_t)arena.used;
-    return ENVSAMP_OK;
+    return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp_row_fn fn,
@@ -6984,7 +6989,7 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
 {
     size_t i;
 
-    ENVSAMP_ASSERT(cdf && ((u0 && u1 && x && y && z && pdf) || !n));
+    ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
     for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
         envsamp__cdf_sample_batch(cdf, ENVSAMP__BATCH, u0 + i, u1 + i, x + i, y + i, z + i,
                                   pdf + i);
@@ -7015,7 +7020,7 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 {
     size_t i;
 
-    ENVSAMP_ASSERT(cdf && ((x && y && z && pdf) || !n));
+    ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
     for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
         envsamp__cdf_pdf_batch(cdf, ENVSAMP__BATCH, x + i, y + i, z + i, pdf + i);
     if (i < n)
@@ -7660,8 +7665,7 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
     if (!envsamp__halftone_desc_valid(desc))
         return ENVSAMP_ERR_PARAM;
     envsamp__halftone_carve(&h, desc, width, height, &arena);
-    sizes->scratch_bytes = (size_t)arena.used;
-    return ENVSAMP_OK;
+    return envsamp__set_sizes(sizes, 0, arena.used);
 }
 
 /* What is wrong with the arguments of a call. */
@@ -9946,8 +9950,7 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
         || (uint32_t)desc->method > ENVSAMP_LIGHTS_RANDOM || !envsamp__decomposition_good(desc))
         return ENVSAMP_ERR_PARAM;
     envsamp__lights_carve(&l, image, desc, &arena);
-    sizes->scratch_bytes = (size_t)arena.used;
-    return ENVSAMP_OK;
+    return envsamp__set_sizes(sizes, 0, arena.used);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
@@ -9993,7 +9996,7 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     envsamp__arena arena = { NULL, 0 };
     envsamp__emission e;
     envsamp__grain grain;
-    envsamp_sizes sizes = { 0, 0 };
+    envsamp_sizes sizes;
     envsamp_result result;
     size_t bad;
 
@@ -10007,8 +10010,9 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
         return result;
     envsamp__image_grain(image, &grain, &arena);
     envsamp__emission_carve(&e, &grain, &arena);
-    sizes.scratch_bytes = (size_t)arena.used;
-    result = envsamp__buffers_check(&sizes, scratch, scratch);
+    result = envsamp__set_sizes(&sizes, 0, arena.used);
+    if (result == ENVSAMP_OK)
+        result = envsamp__buffers_check(&sizes, scratch, scratch);
     if (result != ENVSAMP_OK)
         return result;
     arena.base = (char *)scratch.data;
