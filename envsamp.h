@@ -124,7 +124,8 @@
  *
  * CONFIGURATION, by macros defined before the include
  *   ENVSAMP_IMPLEMENTATION   in one file: compile the functions
- *   ENVSAMP_STATIC           with it: functions are static, for that file alone
+ *   ENVSAMP_STATIC           with it, before the first include: functions are static, for that file
+ *                            alone
  *   ENVSAMP_DEVICE           qualifiers of the functions that sample; default none, in CUDA
  *                            __host__ __device__
  *   ENVSAMP_ASSERT(x)        default assert(x) from assert.h
@@ -181,9 +182,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#if defined(ENVSAMP_STATIC) && defined(__GNUC__)
+#ifdef ENVSAMP_STATIC
+#define ENVSAMP__STATIC
+#endif
+#if defined(ENVSAMP__STATIC) && defined(__GNUC__)
 #define ENVSAMP_DEF __attribute__((unused)) static
-#elif defined(ENVSAMP_STATIC)
+#elif defined(ENVSAMP__STATIC)
 #define ENVSAMP_DEF static
 #else
 #define ENVSAMP_DEF extern
@@ -769,6 +773,11 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 #endif
 
 #endif /* ENVSAMP_H */
+
+#if (defined(ENVSAMP_STATIC) && !defined(ENVSAMP__STATIC)) \
+    || (defined(ENVSAMP_IMPLEMENTATION) && !defined(ENVSAMP_STATIC) && defined(ENVSAMP__STATIC))
+#error "ENVSAMP_STATIC must be defined before the first include of envsamp.h in a file, and stay"
+#endif
 
 /* ============================================================================================
  * Stop here if you only want to use the library. Below: how it works, in reading order. Each

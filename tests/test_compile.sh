@@ -184,6 +184,48 @@ link_static()
         ! nm -g --defined-only "$work/static.o" | awk '$3 != "main"' | grep .
 }
 
+# ENVSAMP_STATIC that comes too late, or goes, in a file of its own for each order of includes. Each
+# is compiled, so that what is refused is the order.
+static_orders()
+{
+    late='#define ENVSAMP_STATIC
+#define ENVSAMP_IMPLEMENTATION'
+    early='#define ENVSAMP_STATIC'
+    include='#include "envsamp.h"'
+    plain='#define ENVSAMP_IMPLEMENTATION'
+    gone='#undef ENVSAMP_STATIC'
+    refused "$include" "$late" "$include" && refused "$include" "$early" "$include" &&
+        refused "$plain" "$include" "$early" "$include" &&
+        refused "$early" "$include" "$gone" "$plain" "$include" &&
+        accepted "$late" "$include" "$include" &&
+        accepted "$late" "$include" "$gone" '#undef ENVSAMP_IMPLEMENTATION' "$include" &&
+        accepted "$early" "$include" "$plain" "$include" &&
+        accepted "$include" "$plain" "$include"
+}
+
+# accepted LINE...: whether a file of these lines compiles.
+accepted()
+{
+    printf '%s\n' "$@" >"$work/order.c"
+    $cc -std=c99 -I"$root" -fsyntax-only "$work/order.c" >"$work/order.log" 2>&1 || {
+        echo "does not compile:"
+        cat "$work/order.c" "$work/order.log"
+        return 1
+    }
+}
+
+# refused LINE...: whether a file of these lines is refused, for ENVSAMP_STATIC.
+refused()
+{
+    if accepted "$@" >/dev/null; then
+        echo "compiles:"
+        cat "$work/order.c"
+        return 1
+    fi
+    grep -q 'error.*ENVSAMP_STATIC must be defined before' "$work/order.log"
+}
+
+check "ENVSAMP_STATIC after another include is an error" static_orders
 check "the implementation and two users link" link_two "$work/implementation.c"
 check "so they do where it was included before and after" link_two "$work/twice.c"
 if have "${cxx%% *}"; then
