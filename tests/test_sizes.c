@@ -8,6 +8,7 @@
 
 static jmp_buf asserted;
 #define ENVSAMP_ASSERT(x) ((x) ? (void)0 : longjmp(asserted, 1))
+#define ENVSAMP_STATIC          /* with asserts of its own */
 #define ENVSAMP_IMPLEMENTATION
 #include "envsamp.h"
 #include "check.h"
