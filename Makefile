@@ -33,10 +33,11 @@ OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o maps.o picture.o)
 EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr.o)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
-.PHONY: help demo lights product test bench scale fuzz mutants figures convergence halftone scene data setup clean
+.PHONY: help demo lights product test bench scale fuzz mutants figures convergence halftone scene portability \
+        portability-setup data setup clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-17s %s\n", $$1, $$2}' Makefile
 
 # A real map needs the build that reads EXR, which needs libopenexr.
 ifdef ENV
@@ -73,6 +74,13 @@ fuzz: $(BUILD)/fuzz_kd_table  ## open and sample damaged tables under sanitizers
 # Some minutes. See tests/mutants.txt; FAULTS="1x1 alias": only those with one of these words.
 mutants:  ## put the faults that users of other samplers report back, and see tests fail
 	CC="$(CC)" perl tests/mutants.pl $(FAULTS)
+
+# Some minutes. ROWS='arm|wasm': those that grep -E finds; JOBS=1: one at a time.
+portability:  ## compilers x machines x standards: the same bits, in one table
+	sh tests/portability.sh $(if $(ROWS),'$(ROWS)')
+
+portability-setup:  ## install the compilers and emulators for it that Debian has
+	@sh tests/setup_portability.sh
 
 figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; POINTS=10000000
 	$(BUILD)/figures $(POINTS)

@@ -23,7 +23,7 @@ my $work       = 'build/mutants';
 my $compiler   = $ENV{CC} || 'cc';
 my $flags      = '-std=c99 -O1 -w -I. -Iexamples/common';
 my @aids       = glob '{tests,examples/common}/*.c';
-my @files      = (qw(envsamp.h README.md examples/quickstart.c), glob('tests/*.{c,h,sh}'),
+my @files      = (qw(envsamp.h README.md examples/quickstart.c), glob('tests/{,portability/}*.{c,h,sh}'),
                   glob('examples/common/*.{c,h}'), glob('bench/*.h'));
 my @library    = qw(envsamp inside);        # what the header is compiled in, besides tests
 my %extra      = (test_work => '-finstrument-functions');
