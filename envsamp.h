@@ -13,20 +13,22 @@
  *     envsamp_sizes sizes;
  *     envsamp_buffer table, scratch;
  *     const envsamp_kd *kd;
- *     envsamp_result result = envsamp_kd_sizes(&image, NULL, &sizes);
  *
+ *     envsamp_kd_sizes(&image, NULL, &sizes);             // the build repeats what fails here
  *     table.data = malloc(table.bytes = sizes.table_bytes);
  *     scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);
- *     if (result == ENVSAMP_OK)
- *         result = envsamp_kd_build(&image, NULL, table, scratch, &kd);
+ *     envsamp_result result = envsamp_kd_build(&image, NULL, table, scratch, &kd);
  *     free(scratch.data);
- *     if (result != ENVSAMP_OK)
+ *     if (result != ENVSAMP_OK) {
  *         printf("%s\n", envsamp_result_string(result));
- *
+ *         free(table.data);
+ *         return 1;
+ *     }
  *     envsamp_sample s = envsamp_kd_sample(kd, u0, u1);   // s.dir, s.pdf per steradian
  *     float pdf = envsamp_kd_pdf(kd, bsdf_dir);           // for multiple importance sampling
  *     envsamp_lookup(&image, 0, s.dir, rgb);              // bilinear, or as your engine does
- *     radiance += f(s.dir) * rgb * visible(s.dir) / s.pdf;
+ *     for (int c = 0; c < 3; c++)
+ *         radiance[c] += f(s.dir)[c] * rgb[c] * visible(s.dir) / s.pdf;
  *
  * WHICH SAMPLER
  *

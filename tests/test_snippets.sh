@@ -1,0 +1,359 @@
+#!/bin/sh
+# Every piece of code in the comments of envsamp.h and in README.md is compiled, as C99 and C++11,
+# and run: as it is, with a black map, without pixels, without memory, and with memory that is
+# aligned to 8 bytes only. It must end by itself, clean under the sanitizers, and print the error.
+# What a piece needs around it is here, under its name; one without a name fails.
+cd "$(dirname "$0")/.." || exit 1
+cc=${CC:-cc}
+cxx=${CXX:-c++}
+tmp=$(mktemp -d) || exit 1
+trap 'rm -rf "$tmp"' EXIT
+strict="-Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Wdouble-promotion"
+strict="$strict -Wcast-qual -Werror -I$PWD -I$PWD/examples/common -I$tmp"
+count=0
+failures=0
+
+# check NAME COMMAND...: a test point; a failure says what was run and what came of it.
+check() {
+    count=$((count + 1))
+    point=$1
+    shift
+    if "$@" >"$tmp/log" 2>&1; then
+        echo "ok $count - $point"
+    else
+        echo "not ok $count - $point"
+        { echo "tests/test_snippets.sh: $point: $*"; head -n 20 "$tmp/log"; } | sed 's/^/#   /' >&2
+        failures=$((failures + 1))
+    fi
+}
+
+skip() {
+    count=$((count + 1))
+    echo "ok $count # SKIP $1"
+}
+
+# ---- the pieces ----
+
+# Of the header: what is indented by 4 or more within a comment, if its first line ends as code does,
+# and one has an = or a ( and ends in a semicolon, or begins with #. Of the README: blocks that begin with ```c.
+awk -v out="$tmp" '
+    function flush() { if (first && code) { close(file = out "/header_" ++n); printf "%s", text > file }
+                       text = ""; first = code = 0 }
+    { line = $0; within = comment || line ~ /^\/\*/ }
+    /^\/\*/ { comment = 1 }
+    /\*\/[ \t]*$/ { comment = 0 }
+    !within { flush(); next }
+    { sub(/^ \* ?/, "", line); sub(/^\/\*/, "", line); sub(/[ \t]*\*\/[ \t]*$/, "", line)
+      if ($0 !~ /^ \*/) sub(/^   /, "", line) }
+    line ~ /^    / { bare = line; sub(/ *\/\/.*/, "", bare)
+                     if (text == "" && bare ~ /[;{)]$|^ *#/) first = 1
+                     text = text line "\n"
+                     if (bare ~ /[=(].*;$/ || bare ~ /^ *#/) code = 1; next }
+    line == "" && text != "" { text = text "\n"; next }
+    { flush() }
+    END { flush() }' envsamp.h
+awk -v out="$tmp" '
+    /^```/ { if (inside) { inside = 0; close(file) }
+             else if ($0 == "```c") { inside = 1; file = out "/readme_" ++n; printf "" > file }
+             else other = !other
+             next }
+    inside { print > file }' README.md
+
+# name FILE: by what is in it.
+name_of() {
+    case $(cat "$1") in
+        *'int main(void)'*) echo quickstart ;;
+        *scene_occluded*) echo shading ;;
+        *environment_sample*) echo placing ;;
+        *envsamp_lights_defaults*) echo lights ;;
+        *envsamp_kd_build*) echo table ;;
+        *'#define ENVSAMP_IMPLEMENTATION'*) echo include ;;
+        *) echo unknown ;;
+    esac
+}
+
+# ---- what is around them ----
+
+# Memory as MODE has it: none, or at 8 more than a multiple of 16. A map that is black, or missing.
+cat >"$tmp/provoke.h" <<'END'
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static inline int mode_is(const char *name)
+{
+    const char *mode = getenv("MODE");
+
+    return mode && !strcmp(mode, name);
+}
+
+static inline void *test_malloc(size_t bytes)
+{
+    char *block;
+
+    if (mode_is("memory"))
+        return NULL;
+    if (!mode_is("offset"))
+        return malloc(bytes);
+    block = (char *)malloc(bytes + 8);      /* of a malloc that aligns to 16 */
+    return block ? block + 8 : NULL;
+}
+
+static inline void test_free(void *block)
+{
+    free(block && mode_is("offset") ? (char *)block - 8 : (char *)block);
+}
+
+#define malloc test_malloc
+#define free test_free
+
+#define WIDTH 16
+#define HEIGHT 8
+static float map[WIDTH * HEIGHT * 3];
+
+static inline float *make_map(void)
+{
+    int i;
+
+    for (i = 0; i < WIDTH * HEIGHT * 3; i++)
+        map[i] = mode_is("black") ? 0.0f : 1.0f + 0.01f * (float)i;
+    return mode_is("pixels") ? NULL : map;
+}
+END
+
+cat >"$tmp/include.c" <<'END'
+#include "snippet.c"
+int main(void)
+{
+    return envsamp_result_string(ENVSAMP_OK)[0] == 0;
+}
+END
+
+cat >"$tmp/table.c" <<'END'
+#include "envsamp.h"
+#include "provoke.h"
+static const float *f(const float dir[3])
+{
+    static const float grey[3] = { 0.5f, 0.5f, 0.5f };
+
+    return dir[0] > 2.0f ? NULL : grey;
+}
+static float visible(const float dir[3])
+{
+    return dir[0] > 2.0f ? 0.0f : 1.0f;
+}
+int main(void)
+{
+    const float *pixels = make_map(), bsdf_dir[3] = { 0.0f, 0.0f, 1.0f }, u0 = 0.3f, u1 = 0.6f;
+    const int width = WIDTH, height = HEIGHT;
+    float rgb[3], radiance[3] = { 0.0f, 0.0f, 0.0f };
+
+#include "snippet.c"
+    free(table.data);
+    /* f is 1/2, and the map over its density about its integral, 4 pi times 2.9. */
+    return !(pdf > 0.0f && radiance[0] > 12.0f && radiance[0] < 24.0f);
+}
+END
+
+cat >"$tmp/lights.c" <<'END'
+#include "envsamp.h"
+#include "provoke.h"
+int main(void)
+{
+    const envsamp_image image = { make_map(), WIDTH, HEIGHT, 3, 0, ENVSAMP_LATLONG };
+    envsamp_light lights[32];
+    envsamp_sizes sizes;
+    envsamp_buffer scratch;
+    float sum = 0.0f;
+    int i;
+
+#include "snippet.c"
+    for (i = 0; i < desc.count; i++)
+        sum += lights[i].irradiance[1];
+    return !(desc.count == 32 && sum > 32.0f && sum < 42.0f);   /* 4 pi times 2.9 */
+}
+END
+
+cat >"$tmp/shading.c" <<'END'
+#include "envsamp.h"
+#include "provoke.h"
+static const float *brdf(const float *point, const float dir[3], const float view[3])
+{
+    static const float white[3] = { 0.318310f, 0.318310f, 0.318310f };
+
+    return point && dir && view ? white : NULL;
+}
+static int scene_occluded(const float *point, const float dir[3])
+{
+    return point[2] < 0.0f && dir[2] > 0.0f;
+}
+/* Of a white ground under a sky of which nothing is hidden, or all. */
+static float shade(const envsamp_light *lights, int count, const float point[3])
+{
+    const float n[3] = { 0.0f, 0.0f, 1.0f }, *view = n;
+    float radiance[3] = { 0.0f, 0.0f, 0.0f }, cosine;
+    int i, c;
+
+    for (i = 0; i < count; i++) {
+        const envsamp_light light = lights[i];
+
+#include "snippet.c"
+    }
+    return radiance[0];
+}
+int main(void)
+{
+    const envsamp_image image = { make_map(), WIDTH, HEIGHT, 3, 0, ENVSAMP_LATLONG };
+    const float open[3] = { 0.0f, 0.0f, 0.0f }, cellar[3] = { 0.0f, 0.0f, -1.0f };
+    envsamp_light lights[32];
+    envsamp_sizes sizes;
+    envsamp_buffer scratch;
+    envsamp_result result;
+
+    envsamp_lights_sizes(&image, NULL, &sizes);
+    scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);
+    result = envsamp_lights(&image, NULL, lights, 32, scratch, NULL);
+    free(scratch.data);
+    if (result != ENVSAMP_OK) {
+        printf("%s\n", envsamp_result_string(result));
+        return 1;
+    }
+    /* The upper half of the map is 1 to 2.9, brighter near the horizon. */
+    return !(shade(lights, 32, open) > 1.0f && shade(lights, 32, open) < 2.9f
+             && shade(lights, 32, cellar) <= 0.0f);
+}
+END
+
+cat >"$tmp/placing.c" <<'END'
+#define environment_sample placement_sample
+#include "placement.h"
+#undef environment_sample
+#include "provoke.h"
+#include "snippet.c"
+/* Beside the function that the comment names, of a map that is turned. */
+int main(void)
+{
+    const envsamp_image image = { make_map(), WIDTH, HEIGHT, 3, 0, ENVSAMP_LATLONG };
+    const float axis[3] = { 0.6f, 0.0f, 0.8f };
+    envsamp_sizes sizes;
+    envsamp_buffer table, scratch;
+    const envsamp_kd *kd;
+    envsamp_result result;
+    int wrong = 0, i;
+
+    envsamp_kd_sizes(&image, NULL, &sizes);
+    table.data = malloc(table.bytes = sizes.table_bytes);
+    scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);
+    result = envsamp_kd_build(&image, NULL, table, scratch, &kd);
+    if (result == ENVSAMP_OK) {
+        environment e = environment_make(kd, &image);
+
+        environment_turn(&e, axis, 1.0f);
+        for (i = 0; i < 100; i++) {
+            const float u0 = 0.01f * (float)i, u1 = 0.99f - u0;
+            const environment_light a = environment_sample(&e, u0, u1);
+            const environment_light b = placement_sample(&e, u0, u1);
+
+            wrong += memcmp(&a, &b, sizeof a) != 0 || !(a.pdf > 0.0f);
+        }
+    } else {
+        printf("%s\n", envsamp_result_string(result));
+    }
+    free(table.data);
+    free(scratch.data);
+    return wrong != 0 || result != ENVSAMP_OK;
+}
+END
+
+# Whole by itself, so its map is made black, or missing, in a copy.
+cat >"$tmp/quickstart.c" <<'END'
+#include "snippet.c"
+END
+
+# ---- running them ----
+
+printf 'int main(void) { return 0; }\n' >"$tmp/probe.c"
+sanitize=-fsanitize=address,undefined
+if ! { $cc $sanitize "$tmp/probe.c" -o "$tmp/probe" && "$tmp/probe"; } >/dev/null 2>&1; then
+    sanitize=
+fi
+objects=$tmp/envsamp.o
+check "the library compiles${sanitize:+, $sanitize}" $cc -std=c99 -g $sanitize -I. \
+    -c tests/envsamp.c -o "$objects"
+
+# compile NAME LANGUAGE: as $tmp/program. The piece about including has the implementation in it.
+compile() {
+    rm -f "$tmp/program"
+    library="-DENVSAMP_IMPLEMENTED $objects"
+    [ "$1" != include ] || library=
+    case $2 in
+        C) $cc -std=c99 -Wstrict-prototypes -Wmissing-prototypes $strict -g $sanitize \
+               "$tmp/$1.c" $library -lm -o "$tmp/program" ;;
+        C++) $cxx -x c++ -std=c++11 $strict -g $sanitize -c "$tmp/$1.c" -DENVSAMP_IMPLEMENTED \
+                 -o "$tmp/program.o" && $cxx -g $sanitize "$tmp/program.o" $objects -lm \
+                 -o "$tmp/program" ;;
+    esac
+}
+
+# ends STATUS TEXT: the program has that exit status and prints that text, and no sanitizer speaks.
+ends() {
+    "$tmp/program" >"$tmp/out" 2>"$tmp/err"
+    status=$?
+    head -n 20 "$tmp/out" "$tmp/err"
+    echo "expected status $1 and '$2'; status $status came"
+    [ "$status" = "$1" ] && [ ! -s "$tmp/err" ] && { [ -z "$2" ] || grep -qF "$2" "$tmp/out"; }
+}
+
+# try NAME FILE LANGUAGE
+try() {
+    tr -d '\r' <"$2" >"$tmp/snippet.c"
+    what="$3: $1 of $(basename "$2")"
+    if [ "$1" = quickstart ]; then
+        { echo '#include "provoke.h"'; echo '#undef WIDTH'; echo '#undef HEIGHT'
+          sed 's/\(sky\[i\] = \)\(.*\);/\1mode_is("black") ? 0.0f : \2;/
+               s/= { sky,/= { mode_is("pixels") ? NULL : sky,/' "$2"; } >"$tmp/snippet.c"
+    fi
+    check "$what compiles" compile "$1" "$3"
+    export MODE
+    case $1 in quickstart) good="no error" ;; *) good= ;; esac
+    MODE= && check "$what runs" ends 0 "$good"
+    case $1 in include) return ;; esac
+    MODE=black && check "$what says of a black map" ends 1 "the total importance is zero"
+    MODE=pixels && check "$what says of no pixels" ends 1 "a required pointer is NULL"
+    MODE=memory && check "$what says of no memory" ends 1 "a required pointer is NULL"
+    if grep -q '^#define ENVSAMP_ALIGN 16' envsamp.h; then
+        MODE=offset && check "$what says of memory aligned to 8" ends 1 "a buffer is not aligned"
+    else
+        MODE=offset && check "$what takes memory aligned to 8" ends 0 "$good"
+    fi
+}
+
+languages=C
+if command -v "${cxx%% *}" >/dev/null; then
+    languages="C C++"
+else
+    skip "no $cxx"
+fi
+seen=
+for file in "$tmp"/header_* "$tmp"/readme_*; do
+    name=$(name_of "$file")
+    seen="$seen $name"
+    if [ "$name" = unknown ]; then
+        check "$(basename "$file") has a name here" cat "$file" false
+        continue
+    fi
+    for language in $languages; do
+        try "$name" "$file" "$language"
+    done
+done
+sorted=$(echo $seen | tr ' ' '\n' | sort | tr '\n' ' ')
+check "all are there: $sorted" test "$sorted" = "include lights placing quickstart shading table "
+body() {
+    sed -n '/^static.* environment_sample(/,/^}/p' "$1"
+}
+body README.md >"$tmp/body"
+body examples/common/placement.h >"$tmp/of_header"
+check "the README has environment_sample as placement.h has it" diff "$tmp/body" "$tmp/of_header"
+
+echo "1..$count"
+[ "$failures" -eq 0 ]
