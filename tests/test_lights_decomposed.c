@@ -669,17 +669,21 @@ static void test_edge(void)
 
 enum { DRAWS = 20000, SPOTS = 8 };
 
-/* Eight lamps of one texel, some of them near one another. */
-static canvas spot_map(void)
+/* Eight lamps of one texel, some of them near one another. On the wide map the library looks at
+   squares of 4 by 4 texels: three lamps are in one, and two in another. */
+static canvas spot_map(int wide)
 {
-    static const int at[SPOTS][2] = { { 1, 2 }, { 2, 2 }, { 4, 3 }, { 6, 4 }, { 7, 3 }, { 10, 5 },
-                                      { 13, 3 }, { 13, 4 } };
-    canvas c = canvas_make(16, 8, 1, 0);
+    static const int at[2][SPOTS][2] = {
+        { { 1, 2 }, { 2, 2 }, { 4, 3 }, { 6, 4 }, { 7, 3 }, { 10, 5 }, { 13, 3 }, { 13, 4 } },
+        { { 40, 1 }, { 43, 2 }, { 41, 3 }, { 200, 4 }, { 202, 6 }, { 300, 3 }, { 304, 3 },
+          { 450, 5 } }
+    };
+    canvas c = canvas_make(wide ? 512 : 16, 8, 1, 0);
     int i;
 
-    canvas_fill(&c, 0, 0, 16, 8, 0.01f);
+    canvas_fill(&c, 0, 0, c.view.width, 8, 0.01f);
     for (i = 0; i < SPOTS; i++)
-        *canvas_at(&c, at[i][0], at[i][1]) = (float)(60 + 13 * (i * 5 % 8));
+        *canvas_at(&c, at[wide][i][0], at[wide][i][1]) = (float)(60 + 13 * (i * 5 % 8));
     return c;
 }
 
@@ -751,18 +755,19 @@ static void expect_pairs(const emission *e, int kind, double *expected)
     }
 }
 
-static void test_draws(void)
+static void test_draws(int wide)
 {
     const envsamp_lights_desc desc = ask_above(3, 0.1f);
+    const char *where = wide ? "in squares" : "on texels";
     double first[SPOTS * SPOTS], pairs[SPOTS * SPOTS], expected[SPOTS * SPOTS];
-    canvas c = spot_map();
+    canvas c = spot_map(wide);
     emission e = emission_make(&c.view, &desc);
     int kind, i;
 
     memset(first, 0, sizeof first);
     memset(pairs, 0, sizeof pairs);
     CHECK(e.count == SPOTS && count_draws(&e, 2, first) == 0 && count_draws(&e, 3, pairs) == 0,
-          "one and two EnvDirects for %d seeds", DRAWS);
+          "one and two EnvDirects %s for %d seeds", where, DRAWS);
     for (kind = BY_LIGHT; kind <= EVEN; kind++) {
         stat_result result;
 
@@ -770,7 +775,7 @@ static void test_draws(void)
         for (i = 0; i < SPOTS; i++)
             expected[i * SPOTS] = spot_mass(&e, i, kind);
         result = stat_chi2_test(expected, first, SPOTS * SPOTS, NULL);
-        CHECK(result.pass == (kind == BY_LIGHT), "one EnvDirect, %s: %s, p = %.2g",
+        CHECK(result.pass == (kind == BY_LIGHT), "one EnvDirect %s, %s: %s, p = %.2g", where,
               draw_names[kind], stat_verdict_string(result.verdict), result.p);
     }
     for (kind = BY_LIGHT; kind < DRAW_KINDS; kind++) {
@@ -778,7 +783,7 @@ static void test_draws(void)
 
         expect_pairs(&e, kind, expected);
         result = stat_chi2_test(expected, pairs, SPOTS * SPOTS, NULL);
-        CHECK(result.pass == (kind == BY_LIGHT), "two EnvDirects, %s: %s, p = %.2g",
+        CHECK(result.pass == (kind == BY_LIGHT), "two EnvDirects %s, %s: %s, p = %.2g", where,
               draw_names[kind], stat_verdict_string(result.verdict), result.p);
     }
     emission_free(&e);
@@ -1483,7 +1488,8 @@ int main(void)
     test_swarm(INT_MAX);
     test_masking();
     test_edge();
-    test_draws();
+    test_draws(0);
+    test_draws(1);
     test_unmasked();
     test_scatter();
     test_turns();

@@ -658,6 +658,33 @@ static void test_no_derivative(void)
     CHECK(params[0] >= 0.5 && params[0] <= 0.5, "and params are as given");
 }
 
+/* Beyond x = 1 two planes and a constant; before it, y is only defined where it starts. */
+static void freed_by_x(const double *x, double *f, void *user)
+{
+    double start = *(const double *)user;
+
+    f[0] = x[0] - 2.0;
+    f[1] = x[0] > 1.0 || (x[1] >= start && x[1] <= start) ? x[1] - 3.0 : (double)NAN;
+    f[2] = 1.0;
+}
+
+/* A parameter that rested until a step freed it no longer keeps a minimum from being one. The cost
+   there is not 0, and gtol is what ends the search. */
+static void test_freed(void)
+{
+    envsamp_lm_desc desc = desc_of(2, 3, 0);
+    envsamp_lm_info info = {0, 0, -1, -1.0};
+    double params[2] = {0.5, 0.5}, start = 0.5, off;
+    envsamp_result result;
+
+    desc.gtol = 1e-4;
+    result = envsamp_lm(&desc, freed_by_x, &start, params, scratch_of(96), &info);
+    off = fmax(fabs(params[0] - 2.0), fabs(params[1] - 3.0));
+    CHECK(result == ENVSAMP_OK && off < 1e-4, "a parameter that rests at first gets to the "
+          "minimum too, but for %.1e", off);
+    CHECK(info.converged == 1, "and that is called converged: %d", info.converged);
+}
+
 /* ---- limits, flags, scale ---- */
 
 typedef struct call_log { int calls; double lowest; } call_log;
@@ -811,6 +838,7 @@ int main(void)
     test_nothing_beyond_the_buffer();
     test_walls();
     test_no_derivative();
+    test_freed();
     test_max_iterations();
     test_tolerances_stop();
     test_scale();
