@@ -71,9 +71,13 @@ scale: $(BUILD)/scale  ## large maps by row callback, and builds in steps
 fuzz: $(BUILD)/fuzz_kd_table  ## open and sample damaged tables under sanitizers; TABLES=1000000
 	$(BUILD)/fuzz_kd_table $(BUILD)/fuzz.bin $(or $(TABLES),20000)
 
-# Some minutes. See tests/mutants.txt; FAULTS="1x1 alias": only those with one of these words.
-mutants:  ## put the faults that users of other samplers report back, and see tests fail
+# See tests/mutants.pl. Half an hour; FAULTS="1x1 alias": only those of the list with one of these
+# words, some minutes. SECTIONS="cdf lm": those drawn are of these sections.
+mutants:  ## put faults in, see tests fail: a list, then COUNT=200 drawn from SEED=1
 	CC="$(CC)" perl tests/mutants.pl $(FAULTS)
+ifndef FAULTS
+	CC="$(CC)" perl tests/mutants.pl -a $(or $(COUNT),200) -s $(or $(SEED),1) $(SECTIONS)
+endif
 
 # Some minutes. ROWS='arm|wasm': those that grep -E finds; JOBS=1: one at a time.
 portability:  ## compilers x machines x standards: the same bits, in one table

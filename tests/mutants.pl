@@ -176,8 +176,8 @@ sub prepare {
             my $object = object($there ? "$work/control" : $folder, $source) // return ();
             push @objects, $there ? "../control/$object" : $object;
         }
-        return ("build/$name", @words)
-            if system("cd '$folder' && $compiler @objects -lm -o build/$name >build/$name.log 2>&1") == 0;
+        my $link = "$compiler @objects -lm -o build/$name >build/$name.log 2>&1";
+        return ("build/$name", @words) if system("cd '$folder' && $link") == 0;
     }
     return ();
 }
@@ -192,7 +192,8 @@ sub run {
     if (!$child) {
         setpgid(0, 0);
         open STDERR, '>&', \*STDOUT;
-        chdir $folder && exec 'sh', '-c', "$limits; ulimit -t $seconds; exec \"\$@\"", 'sh', @command;
+        my $script = "$limits; ulimit -t $seconds; exec \"\$@\"";
+        chdir $folder && exec 'sh', '-c', $script, 'sh', @command;
         exit 127;
     }
     local $SIG{ALRM} = sub {
@@ -249,7 +250,7 @@ sub do_listed {
 
     my $why = mutate($folder, $job);
     return "broken\t\t$why" if defined $why;
-    return do_tests($folder, $job, only_inside($job)) // "SURVIVED\t\t" . join ' ', @{ $job->{tests} };
+    return do_tests($folder, $job, only_inside($job)) // "SURVIVED\t\t@{ $job->{tests} }";
 }
 
 # A mutant that is "void" is drawn again.
@@ -264,7 +265,7 @@ sub do_drawn {
     my $outcome = do_tests($folder, $job, 1);
     return $outcome if defined $outcome;
     return "void\t\tsame code" if optimised($folder) eq optimised("$work/control");
-    return "SURVIVED\t\t" . join ' ', @{ $job->{tests} };
+    return "SURVIVED\t\t@{ $job->{tests} }";
 }
 
 # The library in a folder, compiled by -O2: what gcc and clang then find to be the same is the same.
@@ -334,7 +335,7 @@ sub control {
     my (@tests) = @_;
     my (%seen, %failing);
     my @controls = map { { number => "control-$_", control => $_ } } grep { !$seen{$_}++ } @tests;
-    @controls = sort { $b->{control} =~ /sh$/ <=> $a->{control} =~ /sh$/ } @controls;  # slow ones first
+    @controls = sort { $b->{control} =~ /sh$/ <=> $a->{control} =~ /sh$/ } @controls;  # the slow
     my @sources = map { { number => s{.*/}{object-}r, source => $_ } } @aids,
         grep { -e } map { /^(\w+)(?::|$)/ ? "tests/$1.c" : () } keys %seen;
     my %once;
@@ -363,13 +364,14 @@ sub listed {
     $_->{number} = sprintf '%03d', ++$number for @mutants;
     if (@ARGV) {
         my $words = join '|', map { quotemeta } @ARGV;
-        @mutants = grep { "$_->{name} $_->{fault}" =~ /$words/i } @mutants or fail "none of that name";
+        @mutants = grep { "$_->{name} $_->{fault}" =~ /$words/i } @mutants or fail 'no such mutant';
     }
     for my $mutant (@mutants) {             # at once, not after minutes
         for (@{ $mutant->{edits} }) {
             my $times = () = (slurp($_->[0]) // '') =~ /\Q$_->[1]\E/g;
             next if $times == 1;
-            print "mutant \"$mutant->{name}\" no longer applies: $_->[0] has $times times: $_->[1]\n";
+            print "mutant \"$mutant->{name}\" no longer applies: ",
+                "$_->[0] has $times times: $_->[1]\n";
             $bad++;
         }
         for (grep { /\.sh$/ ? !-e "tests/$_" : !-e 'tests/' . (split /:/)[0] . '.c' }
@@ -426,7 +428,8 @@ sub read_equivalent {
             $entry{why} .= " $1";
         } elsif (/^\s*$/ && %entry) {
             my ($in, $nth) = ($entry{in} // '') =~ /^(\w+)(?: #(\d+))?$/;
-            fail "$path: incomplete: $entry{line}" if !$in || grep { !defined $entry{$_} } qw(line with why);
+            fail "$path: incomplete: $entry{line}"
+                if !$in || grep { !defined $entry{$_} } qw(line with why);
             my $key = mutants_draw::key($in, @entry{qw(line with)}, $nth // 1);
             fail "$path: twice: $key" if $why{$key};
             $why{$key} = $entry{why};
@@ -505,8 +508,9 @@ sub drawn {
         $caught = $kinds{$_}{caught} || 0;
         printf "%-20s %6d %6d %6.1f %%\n", $_, $all, $caught, 100.0 * $caught / $all;
     }
-    printf "drawn again: %d do not compile, %d compile to the same code, %d are shown to be equivalent; "
-        . "%d s\n", map({ $void{$_} || 0 } 'does not compile', 'same code', 'equivalent'), time - $^T;
+    printf "drawn again: %d do not compile, %d compile to the same code, %d are shown to be "
+        . "equivalent; %d s\n",
+        map({ $void{$_} || 0 } 'does not compile', 'same code', 'equivalent'), time - $^T;
     return $caught >= $least * $all && !%failing && !@lost;
 }
 

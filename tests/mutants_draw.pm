@@ -1,4 +1,4 @@
-# Finds every place of the implementation in envsamp.h where a small fault can be put, and draws some.
+# Finds all places of the implementation in envsamp.h where a small fault fits, and draws some.
 #
 # A site: { section, function, class, line, key, from, length, text, was, now }: `text` takes the
 # place of `length` characters at `from`; lines stay where they are. `key` tells it from all others
@@ -18,10 +18,12 @@ my %flipped = qw(+ - - + * / / * % / & | | & ^ & << >> >> << && || || && == != !
                  > <= >= < += -= -= += *= /= /= *= |= &= &= |= ^= |= <<= >>= >>= <<=
                  ++ -- -- ++);
 my %shifted = qw(< <= <= < > >= >= >);
-my $types   = 'void|char|short|int|long|float|double|signed|unsigned|const|static|inline|struct|enum'
-            . '|size_t|u?int(?:8|16|32|64|ptr)_t|__m128';
-my $skipped = 'sizeof|offsetof|ENVSAMP_ASSERT|ENVSAMP__PREFETCH|envsamp__prefetch|__builtin_prefetch'
-            . '|__attribute__';
+my $types   = 'void|char|short|int|long|float|double|signed|unsigned|const|static|inline|struct'
+            . '|enum|size_t|u?int(?:8|16|32|64|ptr)_t|__m128';
+my $skipped = 'sizeof|offsetof|ENVSAMP_ASSERT|ENVSAMP__PREFETCH|envsamp__prefetch'
+            . '|__builtin_prefetch|__attribute__';
+
+my $number  = qr/(?:0[xX][\da-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)[uUlLfF]*/;
 
 # Tokens of the implementation: [kind, text, offset]; kinds: name, number, operator, section.
 sub tokens {
@@ -32,7 +34,8 @@ sub tokens {
     my $end = rindex $text, '#endif /* ENVSAMP_IMPLEMENTATION */';
     die "mutants: no implementation in envsamp.h\n" if $at < 0 || $end < $at;
     # What only C++ sees is no site. A comment with a search tag begins a section.
-    substr($text, $at, $end - $at) =~ s/^#ifdef __cplusplus\n\K(.*?)(?=^#endif)/$1 =~ s,[^\n], ,gr/msge;
+    substr($text, $at, $end - $at) =~
+        s/^#ifdef __cplusplus\n\K(.*?)(?=^#endif)/$1 =~ s,[^\n], ,gr/msge;
     pos($text) = $at + 1;
     while (pos($text) < $end) {
         my $from = pos $text;
@@ -45,7 +48,7 @@ sub tokens {
             next;
         } elsif ($text =~ /\G[A-Za-z_]\w*/gc) {
             push @tokens, ['name', $&, $from];
-        } elsif ($text =~ /\G(?:0[xX][\da-fA-F]+|\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)[uUlLfF]*/gc) {
+        } elsif ($text =~ /\G$number/gc) {
             push @tokens, ['number', $&, $from];
         } elsif ($text =~ /\G(?:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*')/gcs) {
             push @tokens, ['string', $&, $from];
@@ -87,7 +90,7 @@ sub sites {
         my @inner = map { $t[$_][1] } $i + 1 .. $close{$i} - 1;
         $cast{$close{$i}} = $cast{$i} = 1
             if @inner && !grep { !($_ eq '*' || $is_type->($_)) } @inner;
-        $ends_head{$close{$i}} = $t[$i - 1][1] if $i && $t[$i - 1][1] =~ /^(?:if|for|while|switch)$/;
+        $ends_head{$close{$i}} = $1 if $i && $t[$i - 1][1] =~ /^(if|for|while|switch)$/;
     }
 
     my $fresh = 0;                          # whether a statement may begin at the next token
@@ -216,7 +219,8 @@ sub sites {
         }
 
         # ---- operators ----
-        my $operand = $before->[0] =~ /^(?:name|number)$/ && $before->[1] !~ /^(?:return|case|else)$/
+        my $operand =
+            $before->[0] =~ /^(?:name|number)$/ && $before->[1] !~ /^(?:return|case|else)$/
             || $before->[1] =~ /^[)\]]$/ && !$cast{$i - 1};
         if ($token =~ /^[-+*&]$/ && !$operand) {
             $add->('operator', $from, 1, ' ') if $token eq '-';
@@ -240,7 +244,8 @@ sub sites {
         my ($low, $high) = (0, $#starts);
         while ($low < $high) {
             my $middle = int(($low + $high + 1) / 2);
-            ($low, $high) = $starts[$middle] <= $site->{from} ? ($middle, $high) : ($low, $middle - 1);
+            ($low, $high) = ($middle, $high), next if $starts[$middle] <= $site->{from};
+            $high = $middle - 1;
         }
         $site->{line} = $low + 1;
         my $begin = $starts[$low];
@@ -285,7 +290,9 @@ sub draw {
     my $total = @sites or return ({}, {});
     my %rest;
     for my $section (keys %sum) {
-        my @lists = map { [sort { $a->{rank} cmp $b->{rank} } @{ $sum{$section}{$_} || [] }] } classes();
+        my @lists = map {
+            [sort { $a->{rank} cmp $b->{rank} } @{ $sum{$section}{$_} || [] }]
+        } classes();
         my $size = 0;
         $size += @$_ for @lists;
         my (%taken, @order);
