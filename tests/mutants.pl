@@ -167,11 +167,12 @@ sub prepare {
     my ($name, @words) = split /:/, $test;
 
     return ("tests/$name") if $name =~ /\.sh$/;
+    my $alone = slurp("$folder/tests/$name.c") =~ $own;
     for my $others (0, 1) {                 # most tests need no look inside the library
         my @objects;
         for my $source ("tests/$name.c", @aids) {
             my $changed = slurp("$folder/$source") =~ $own;
-            next if $changed && !$others && $source ne $library && $source ne "tests/$name.c";
+            next if $changed && @objects && ($alone || (!$others && $source ne $library));
             my $there = $shared && !$changed;
             my $object = object($there ? "$work/control" : $folder, $source) // return ();
             push @objects, $there ? "../control/$object" : $object;
