@@ -475,8 +475,12 @@ sub drawn {
         }
         return;
     };
-    my @mutants = map { my $section = $_; map { $next->($section) } 1 .. $quota->{$section} }
-        sort keys %$quota;
+    my %turn;                               # sections by turns, each spread over all
+    for my $section (sort keys %$quota) {
+        push @{ $turn{ sprintf '%.6f', ($_ - 0.5) / $quota->{$section} } }, $section
+            for 1 .. $quota->{$section};
+    }
+    my @mutants = map { map { $next->($_) } @{ $turn{$_} } } sort keys %turn;
     if ($options{n}) {
         printf "%s, %s\n    %s\n    %s\n", place($_), @$_{qw(class was now)} for @mutants;
         printf "%d mutants of %d places\n", scalar @mutants, scalar @sites;
