@@ -135,6 +135,11 @@
  *   ENVSAMP_SQRTF(x)         default sqrt and sqrtf from math.h, or an instruction that is the same
  *   ENVSAMP_FABSF(x)         default fabsf and copysignf from math.h, which every compiler makes
  *   ENVSAMP_COPYSIGNF(x, y)  an instruction or two
+ *   ENVSAMP_MEMCPY, _MEMSET  default memcpy, memset and memcmp from string.h. Compilers may call
+ *   and _MEMCMP              those of their own accord too, to copy or clear a structure
+ *
+ * Where all macros that a header is for are defined, it is not included; with all of the above,
+ * float.h, limits.h, stddef.h and stdint.h are left, which a freestanding compiler has.
  *
  * LIMITS. Directions may be 1e-15 to 1e18 long. Tables are in the
  * byte order of the machine that built them; one from a machine of the other order fails to open.
@@ -791,8 +796,19 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 
 #include <float.h>
 #include <limits.h>
-#include <string.h>
 
+#if !defined(ENVSAMP_MEMCPY) || !defined(ENVSAMP_MEMSET) || !defined(ENVSAMP_MEMCMP)
+#include <string.h>
+#endif
+#ifndef ENVSAMP_MEMCPY
+#define ENVSAMP_MEMCPY(to, from, bytes) memcpy(to, from, bytes)
+#endif
+#ifndef ENVSAMP_MEMSET
+#define ENVSAMP_MEMSET(to, byte, bytes) memset(to, byte, bytes)
+#endif
+#ifndef ENVSAMP_MEMCMP
+#define ENVSAMP_MEMCMP(a, b, bytes) memcmp(a, b, bytes)
+#endif
 #ifndef ENVSAMP_ASSERT
 #include <assert.h>
 #define ENVSAMP_ASSERT(x) assert(x)
@@ -857,7 +873,7 @@ ENVSAMP__MATH uint32_t envsamp__float_bits(float value)
 {
     uint32_t bits;
 
-    memcpy(&bits, &value, sizeof bits);
+    ENVSAMP_MEMCPY(&bits, &value, sizeof bits);
     return bits;
 }
 
@@ -871,7 +887,7 @@ ENVSAMP__MATH float envsamp__bits_float(uint32_t bits)
 {
     float value;
 
-    memcpy(&value, &bits, sizeof value);
+    ENVSAMP_MEMCPY(&value, &bits, sizeof value);
     return value;
 }
 
@@ -1044,11 +1060,11 @@ ENVSAMP__MATH double envsamp__log2(double x)
     double m, w, t;
     int exponent;
 
-    memcpy(&bits, &x, sizeof bits);
+    ENVSAMP_MEMCPY(&bits, &x, sizeof bits);
     exponent = (int)((bits - (uint64_t)0x3fe6a09e667f3bcd) >> 52 & 0xfffu);
     exponent = exponent >= 0x800 ? exponent - 0x1000 : exponent;
     bits -= (uint64_t)(int64_t)exponent << 52;
-    memcpy(&m, &bits, sizeof m);
+    ENVSAMP_MEMCPY(&m, &bits, sizeof m);
     w = (m - 1.0) / (m + 1.0);
     t = w * w;
     return (double)exponent + 2.88539008177792681472 * w * (1.0 + t * (1.0 / 3 + t * (1.0 / 5
@@ -1063,7 +1079,7 @@ ENVSAMP__MATH double envsamp__exp2(double x)
     double f = (x - (double)whole) * 0.69314718055994530942, power;
     uint64_t bits = (uint64_t)(whole + 1023) << 52;
 
-    memcpy(&power, &bits, sizeof power);
+    ENVSAMP_MEMCPY(&power, &bits, sizeof power);
     return power * (1.0 + f * (1.0 + f * (1.0 / 2 + f * (1.0 / 6 + f * (1.0 / 24 + f * (1.0 / 120
          + f * (1.0 / 720 + f * (1.0 / 5040 + f * (1.0 / 40320 + f * (1.0 / 362880
          + f * (1.0 / 3628800 + f * (1.0 / 39916800 + f * (1.0 / 479001600)))))))))))));
@@ -1760,7 +1776,7 @@ static void envsamp__lm_begin(envsamp__lm *lm, const envsamp_lm_desc *desc, doub
 {
     size_t m = (size_t)desc->residual_count, n = (size_t)desc->param_count;
 
-    memset(lm, 0, sizeof *lm);
+    ENVSAMP_MEMSET(lm, 0, sizeof *lm);
     lm->n = desc->param_count;
     lm->m = desc->residual_count;
     lm->ftol = envsamp__lm_tolerance(desc->ftol);
@@ -2065,7 +2081,7 @@ static void envsamp__map_angles(envsamp__map *map)
 {
     int k, y;
 
-    memset(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
+    ENVSAMP_MEMSET(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
     for (y = 0; y <= map->height; y++)
         map->cap[y] = envsamp__polar_at(map, envsamp__y_edge(map, y)).cap;
     for (y = 0; y < map->height; y++)
@@ -3734,7 +3750,7 @@ static void envsamp__exact_moments(envsamp__tree *tree, int i)
         b->whole = envsamp__cell_moments(map, &b->rect);
         return;
     }
-    memset(&bins, 0, sizeof bins);
+    ENVSAMP_MEMSET(&bins, 0, sizeof bins);
     bins.columns = tree->columns;
     bins.rows = tree->rows;
     bins.shift_x = bins.shift_y = 16;           /* all in one bin */
@@ -4257,7 +4273,7 @@ static uint32_t envsamp__checksum(const envsamp_kd *kd)
     uint32_t sum = 2166136261u, at, word;
 
     for (at = (uint32_t)offsetof(envsamp_kd, checksum) + 4; at < kd->bytes; at += 4) {
-        memcpy(&word, byte + at, 4);
+        ENVSAMP_MEMCPY(&word, byte + at, 4);
         sum = (sum ^ word) * 16777619u;
         sum ^= sum >> 15;
     }
@@ -4749,7 +4765,7 @@ ENVSAMP__HOT envsamp__point envsamp__warp_sample(const envsamp_kd *kd, float u0,
 
     cut[0] = cut[2] = 0.0f;
     cut[1] = cut[3] = 1.0f;
-    memcpy(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
+    ENVSAMP_MEMCPY(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
     while (link & ENVSAMP__INNER)
         link = envsamp__warp_step(&nodes[link & ~ENVSAMP__INNER], f, cut, edge, 1);
     *pdf = envsamp__bits_float(link);
@@ -4956,7 +4972,7 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     uint64_t count = cells < (uint64_t)desc->block_count ? cells : (uint64_t)desc->block_count;
     envsamp__tree *tree = &job->tree;
 
-    memset(job, 0, sizeof *job);
+    ENVSAMP_MEMSET(job, 0, sizeof *job);
     envsamp__take(arena, 1, sizeof *job);
     job->desc = *desc;
     job->block_limit = (int)count;
@@ -5175,7 +5191,7 @@ static envsamp_kd_desc envsamp__kd_filled(const envsamp_kd_desc *desc)
 {
     envsamp_kd_desc filled;
 
-    memset(&filled, 0, sizeof filled);
+    ENVSAMP_MEMSET(&filled, 0, sizeof filled);
     if (desc)
         filled = *desc;
     if (filled.block_count == 0)
@@ -5189,7 +5205,7 @@ ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void) { return envsamp__kd_fille
 static void envsamp__kd_head(envsamp_kd *kd, const envsamp_image *image,
                              const envsamp_kd_desc *desc)
 {
-    memset(kd, 0, sizeof *kd);
+    ENVSAMP_MEMSET(kd, 0, sizeof *kd);
     kd->version = ENVSAMP__KD_VERSION;
     kd->select = desc->select;
     kd->model = desc->model;
@@ -5351,7 +5367,7 @@ static int envsamp__kd_write(envsamp_kd_job *job, int item)
                             (uint32_t *)(void *)((char *)kd + kd->grid_at));
         return (uint32_t)(item + 1) * high < rows;
     default:
-        memset((char *)kd + kd->grid_at - sizeof(envsamp__node), 0, sizeof(envsamp__node));
+        ENVSAMP_MEMSET((char *)kd + kd->grid_at - sizeof(envsamp__node), 0, sizeof(envsamp__node));
         kd->checksum = envsamp__checksum(kd);
         kd->magic = ENVSAMP__KD_MAGIC;
         return 0;
@@ -5425,9 +5441,9 @@ static int envsamp__kd_header_valid(const envsamp_kd *kd, size_t bytes)
         || kd->block_count < 1 || kd->block_count > 1048576
         || kd->drawn_count < 1 || kd->drawn_count > kd->block_count)
         return 0;
-    memcpy(&layout, kd, sizeof layout);
+    ENVSAMP_MEMCPY(&layout, kd, sizeof layout);
     envsamp__kd_layout(&layout);
-    return !memcmp(&layout, kd, sizeof layout);
+    return !ENVSAMP_MEMCMP(&layout, kd, sizeof layout);
 }
 
 /* A model whose numbers agree: then every u0 inverts to a block. */
@@ -5461,7 +5477,7 @@ static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
     for (i = 0; i < kd->block_count; i++) {
         envsamp__edges edges;
 
-        memcpy(&edges, edge + 4 * i, sizeof edges);
+        ENVSAMP_MEMCPY(&edges, edge + 4 * i, sizeof edges);
         if (!envsamp__edges_valid(kd->mapping, &edges) || !(pdf[i] >= 0.0f && pdf[i] <= FLT_MAX))
             return 0;
     }
@@ -5735,7 +5751,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     e = envsamp__exact_place(kd->mapping, dir);
     polar = e.south ? -(float)e.cap : (float)e.cap;
     tile = envsamp__tile_at(kd, d.azimuth, d.polar);
-    memcpy(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
+    ENVSAMP_MEMCPY(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
     link = envsamp__words(kd, kd->roots_at)[tile];
     while (link & ENVSAMP__INNER) {
         const envsamp__warp *node = &envsamp__kd_warp(kd)[link & ~ENVSAMP__INNER];
@@ -5977,7 +5993,7 @@ static void envsamp__warp_block(const envsamp_kd *kd, uint32_t index, envsamp__e
     link = envsamp__words(kd, kd->roots_at)[tile];
     first = tile + envsamp__warp_before(kd, tile);
     end = envsamp__warp_before(kd, tile + 1);
-    memcpy(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
+    ENVSAMP_MEMCPY(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
     while (link & ENVSAMP__INNER) {
         uint32_t at = link & ~ENVSAMP__INNER, low_end, low_count, high;
         const envsamp__warp *node = &envsamp__kd_warp(kd)[at];
@@ -5992,7 +6008,7 @@ static void envsamp__warp_block(const envsamp_kd *kd, uint32_t index, envsamp__e
         end = high ? end : low_end;
         link = node->child[high];
     }
-    memcpy(edges, edge, sizeof edge);
+    ENVSAMP_MEMCPY(edges, edge, sizeof edge);
     *probability = ((double)cut[1] - (double)cut[0]) * ((double)cut[3] - (double)cut[2])
                  / (double)(1u << (kd->tile_bits_x + kd->tile_bits_y));
 }
@@ -6021,7 +6037,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
     if (kd->select == ENVSAMP_KD_WARP) {
         envsamp__warp_block(kd, (uint32_t)index, &edges, &probability);
     } else {
-        memcpy(&edges, envsamp__floats(kd, kd->edges_at) + 4 * index, sizeof edges);
+        ENVSAMP_MEMCPY(&edges, envsamp__floats(kd, kd->edges_at) + 4 * index, sizeof edges);
         probability = (double)envsamp__floats(kd, kd->pdf_at)[index]
                     * envsamp__edges_sr(kd->mapping, &edges);
     }
@@ -6206,7 +6222,7 @@ static int envsamp__cdf_sums_add(const envsamp_cdf *cdf, uint64_t bytes, envsamp
 
     for (; s->at < end; s->at += 16)
         for (k = 0; k < 4; k++) {
-            memcpy(&word, byte + s->at + 4 * k, 4);
+            ENVSAMP_MEMCPY(&word, byte + s->at + 4 * k, 4);
             s->sum[k] = (s->sum[k] ^ word) * 16777619u;
             s->sum[k] ^= s->sum[k] >> 15;
         }
@@ -6255,7 +6271,7 @@ static void envsamp__cdf_carve(envsamp_cdf_job *job, const envsamp_image *image,
     int bilinear = !desc->nearest;
     uint64_t rows = (uint64_t)image->height + (uint64_t)bilinear;
 
-    memset(job, 0, sizeof *job);
+    ENVSAMP_MEMSET(job, 0, sizeof *job);
     envsamp__take(arena, 1, sizeof *job);
     envsamp__source_carve(&job->source, image, bilinear, desc->mis_compensation, arena);
     envsamp__map_carve(&job->map, image, bilinear, bilinear ? 2 : 1, arena);
@@ -6280,7 +6296,7 @@ static void envsamp__cdf_clear_gaps(envsamp_cdf *cdf)
     ends[4] = cdf->edges_at;
     ends[5] = cdf->bytes;
     for (i = 0; i < 6; i++)
-        memset((char *)cdf + ends[i] - ENVSAMP_ALIGN, 0, ENVSAMP_ALIGN);
+        ENVSAMP_MEMSET((char *)cdf + ends[i] - ENVSAMP_ALIGN, 0, ENVSAMP_ALIGN);
 }
 
 /* Shares 2^24 parts out by weight: one for everything above zero, then the rest in proportion, the
@@ -6340,7 +6356,7 @@ static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y)
             square[x] = run.square[x];
             sum += run.sum[x];
         }
-        memcpy(job->cell_max + x0, run.peak, (size_t)count * sizeof(float));
+        ENVSAMP_MEMCPY(job->cell_max + x0, run.peak, (size_t)count * sizeof(float));
     }
     for (x = 0; x < map->width && map->bilinear; x += map->width - 1) {    /* are half as wide */
         job->weight[x] *= ENVSAMP_SQRT(0.5);
@@ -6446,7 +6462,7 @@ static envsamp_result envsamp__cdf_read(envsamp_cdf_job *job, int y)
     if (y == 0)
         envsamp__border_line(&job->source, y, -1, line, above);
     envsamp__cdf_write_row(job, y);
-    memcpy(above, line, map->stride * sizeof(float));
+    ENVSAMP_MEMCPY(above, line, map->stride * sizeof(float));
     if (y + 1 == map->image_height) {
         envsamp__border_line(&job->source, y, map->image_height, above, line);
         envsamp__cdf_write_row(job, y + 1);
@@ -6474,7 +6490,7 @@ ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
 {
     envsamp_cdf_desc desc;
 
-    memset(&desc, 0, sizeof desc);
+    ENVSAMP_MEMSET(&desc, 0, sizeof desc);
     return desc;
 }
 
@@ -6482,7 +6498,7 @@ ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
 static void envsamp__cdf_head(envsamp_cdf *cdf, const envsamp_image *image,
                               const envsamp_cdf_desc *desc)
 {
-    memset(cdf, 0, sizeof *cdf);
+    ENVSAMP_MEMSET(cdf, 0, sizeof *cdf);
     cdf->version = ENVSAMP__CDF_VERSION;
     cdf->mapping = image->mapping;
     cdf->bilinear = !desc->nearest;
@@ -6624,9 +6640,9 @@ static int envsamp__cdf_header_valid(const envsamp_cdf *cdf, size_t bytes)
         || cdf->image_width < 1 || cdf->image_width > 65535
         || cdf->image_height < 1 || cdf->image_height > 65535)
         return 0;
-    memcpy(&layout, cdf, sizeof layout);
+    ENVSAMP_MEMCPY(&layout, cdf, sizeof layout);
     envsamp__cdf_layout(&layout);
-    return !memcmp(&layout, cdf, sizeof layout);
+    return !ENVSAMP_MEMCMP(&layout, cdf, sizeof layout);
 }
 
 /* Edges that rise from 0 to 2^24, and a guide that leads to them. */
@@ -7240,7 +7256,7 @@ static size_t envsamp__sum_row(const float *pixel, int channels, int width, doub
     double sum[4 * ENVSAMP__LANES];
     size_t bad = 0;
 
-    memset(sum, 0, (size_t)step * sizeof(double));
+    ENVSAMP_MEMSET(sum, 0, (size_t)step * sizeof(double));
     rgb[0] = rgb[1] = rgb[2] = 0.0;
     for (x = 0; x < width; x += ENVSAMP__LANES, pixel += step)
         if (x + ENVSAMP__LANES > width || !envsamp__add_chunk(pixel, channels, 1.0, sum))
@@ -7276,7 +7292,7 @@ static int envsamp__count_row(const float *row, int width)
 {
     int lane[ENVSAMP__LANES], lit = 0, x, i;
 
-    memset(lane, 0, sizeof lane);
+    ENVSAMP_MEMSET(lane, 0, sizeof lane);
     for (x = 0; x + ENVSAMP__LANES <= width; x += ENVSAMP__LANES)
         for (i = 0; i < ENVSAMP__LANES; i++)
             lane[i] += row[x + i] > 0.0f;
@@ -7303,9 +7319,9 @@ static void envsamp__sum_columns(const envsamp__grain *grain, int x, int count, 
     int channels = grain->channels, whole = count == ENVSAMP__LANES, y;
     double sum[4 * ENVSAMP__LANES];
 
-    memset(sum, 0, (size_t)(channels * ENVSAMP__LANES) * sizeof(double));
-    memset(total, 0, (size_t)count * sizeof(double));
-    memset(lit, 0, (size_t)count * sizeof(int));
+    ENVSAMP_MEMSET(sum, 0, (size_t)(channels * ENVSAMP__LANES) * sizeof(double));
+    ENVSAMP_MEMSET(total, 0, (size_t)count * sizeof(double));
+    ENVSAMP_MEMSET(lit, 0, (size_t)count * sizeof(int));
     for (y = y0; y < y1; y++) {
         const float *pixel = envsamp__grain_at(grain, x, y);
         double weight = grain->row_sr ? grain->row_sr[y] : 1.0;
@@ -7554,7 +7570,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
 {
     int i;
 
-    memset(h, 0, sizeof *h);
+    ENVSAMP_MEMSET(h, 0, sizeof *h);
     h->desc = desc;
     h->once = desc->once && desc->kernel != ENVSAMP_KERNEL_RANDOM;
     envsamp__set_kernel(h);
@@ -7615,7 +7631,7 @@ static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__grain *g
     h->wanted = wanted;
     envsamp__set_pace(h);
     for (i = 0; i < h->rows; i++)
-        memset(h->row[i], 0, (size_t)h->across * sizeof(double));
+        ENVSAMP_MEMSET(h->row[i], 0, (size_t)h->across * sizeof(double));
     for (h->strip = 0; h->strip < h->down && h->chosen < wanted; h->strip++) {
         double *done = h->row[0];
 
@@ -7624,7 +7640,7 @@ static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__grain *g
         for (i = 0; i + 1 < h->rows; i++)
             h->row[i] = h->row[i + 1];
         if (h->rows) {
-            memset(done, 0, (size_t)h->across * sizeof(double));
+            ENVSAMP_MEMSET(done, 0, (size_t)h->across * sizeof(double));
             h->row[i] = done;
         }
     }
@@ -7717,7 +7733,7 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     if (!count)
         return ENVSAMP_ERR_NULL;
     *count = 0;
-    memset(&grain, 0, sizeof grain);
+    ENVSAMP_MEMSET(&grain, 0, sizeof grain);
     grain.pixels = importance;
     grain.channels = 1;
     grain.stride = row_stride_bytes ? row_stride_bytes : (size_t)width * sizeof(float);
@@ -7842,8 +7858,8 @@ static size_t envsamp__sum_texel_columns(const envsamp__squares *s, int x, int c
     double whole = 0.0;
     size_t bad = 0;
 
-    memset(sum, 0, (size_t)(channels * ENVSAMP__LANES) * sizeof(double));
-    memset(sr, 0, ENVSAMP__LANES * sizeof(double));
+    ENVSAMP_MEMSET(sum, 0, (size_t)(channels * ENVSAMP__LANES) * sizeof(double));
+    ENVSAMP_MEMSET(sr, 0, ENVSAMP__LANES * sizeof(double));
     for (y = y0; y < y1; y++) {
         const float *pixel = envsamp__grain_at(grain, x, y);
         int found = envsamp__count_texels(s, x, y, count);
@@ -7968,7 +7984,7 @@ static size_t envsamp__make_squares(envsamp__squares *s)
     double polar = s->image->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5;
     int width = s->image->width, height = s->image->height, x, y;
 
-    memset(s->at, 0, (size_t)s->across * (size_t)s->down * sizeof *s->at);
+    ENVSAMP_MEMSET(s->at, 0, (size_t)s->across * (size_t)s->down * sizeof *s->at);
     for (x = 0; x < s->across; x++)
         envsamp__sincos_pi((double)(x * s->side + envsamp__min((x + 1) * s->side, width))
                            / (double)width, &s->middle[2 * x + 1], &s->middle[2 * x]);
@@ -8004,7 +8020,7 @@ static envsamp__square envsamp__sum_texels(const envsamp__squares *s, int x0, in
     envsamp__square total;
     int x, y;
 
-    memset(&total, 0, sizeof total);
+    ENVSAMP_MEMSET(&total, 0, sizeof total);
     for (y = y0; y < y1; y++)
         for (x = x0; x < x1; x++)
             if (envsamp__count_texels(s, x, y, 1))
@@ -8031,7 +8047,7 @@ static envsamp__square envsamp__sum_squares(const envsamp__squares *s, int x0, i
     envsamp__square total;
     int x, y;
 
-    memset(&total, 0, sizeof total);
+    ENVSAMP_MEMSET(&total, 0, sizeof total);
     for (y = y0 / s->side; y * s->side < y1; y++)
         for (x = x0 / s->side; x * s->side < x1; x++)
             envsamp__add_square(&s->at[y * s->across + x], &total);
@@ -8096,7 +8112,7 @@ static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp_image *image,
                                 const envsamp__grain *grain, const envsamp_lights_desc *desc,
                                 envsamp__arena *arena)
 {
-    memset(cuts, 0, sizeof *cuts);
+    ENVSAMP_MEMSET(cuts, 0, sizeof *cuts);
     cuts->by_variance = desc->method == ENVSAMP_LIGHTS_VARIANCE_CUT;
     envsamp__squares_carve(&cuts->squares, image, grain, ENVSAMP__SQUARES_MAX, arena);
     cuts->below = (double (*)[4])envsamp__take(arena, ((uint64_t)cuts->squares.across + 1)
@@ -8115,7 +8131,7 @@ static void envsamp__fill_below(envsamp__cuts *cuts)
 {
     int width = cuts->squares.across, stride = width + 1, x, y, i;
 
-    memset(cuts->below, 0, (size_t)stride * sizeof *cuts->below);
+    ENVSAMP_MEMSET(cuts->below, 0, (size_t)stride * sizeof *cuts->below);
     for (y = 0; y < cuts->squares.down; y++) {
         double row[4] = { 0.0, 0.0, 0.0, 0.0 };
         double (*at)[4] = cuts->below + (size_t)(y + 1) * (size_t)stride;
@@ -8263,7 +8279,7 @@ static void envsamp__region_light(const envsamp__cuts *cuts, const envsamp__regi
     envsamp__square sum = envsamp__sum_squares(s, x0, y0, x1, y1);
     double copies = (double)region->copies;
 
-    memset(light, 0, sizeof *light);
+    ENVSAMP_MEMSET(light, 0, sizeof *light);
     if (!envsamp__normalise(sum.v, light->dir))
         envsamp__middle_dir(s->image, x0, y0, x1, y1, light->dir);
     for (c = 0; c < 3; c++)
@@ -8287,7 +8303,7 @@ static envsamp__region envsamp__whole_region(const envsamp__cuts *cuts)
 {
     envsamp__region whole;
 
-    memset(&whole, 0, sizeof whole);
+    ENVSAMP_MEMSET(&whole, 0, sizeof whole);
     whole.copies = 1;
     whole.x1 = cuts->squares.across;
     whole.y1 = cuts->squares.down;
@@ -8393,7 +8409,7 @@ static void envsamp__relaxation_carve(envsamp__relaxation *r, const envsamp_imag
 {
     uint64_t rows = (uint64_t)lights + 1, most;
 
-    memset(r, 0, sizeof *r);
+    ENVSAMP_MEMSET(r, 0, sizeof *r);
     r->lights = lights;
     envsamp__squares_carve(&r->squares, image, grain, ENVSAMP__PIECE_SQUARES, arena);
     most = 1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * (uint64_t)lights;
@@ -8421,7 +8437,7 @@ static envsamp__piece envsamp__make_piece(const envsamp__relaxation *r, int x0, 
              && (y1 % r->squares.side == 0 || y1 == r->squares.image->height);
     envsamp__piece piece;
 
-    memset(&piece, 0, sizeof piece);
+    ENVSAMP_MEMSET(&piece, 0, sizeof piece);
     piece.sum = whole ? envsamp__sum_squares(&r->squares, x0, y0, x1, y1)
                       : envsamp__sum_texels(&r->squares, x0, y0, x1, y1);
     piece.x0 = x0;
@@ -8515,7 +8531,7 @@ static void envsamp__make_pieces(envsamp__relaxation *r, double luminance)
     while (r->count < envsamp__min(r->lights, r->most) && (i = envsamp__brightest_piece(r)) >= 0)
         envsamp__halve_piece(r, i);
     for (i = 0; i < envsamp__min(r->count, r->lights); i++)
-        memcpy(r->axis + 3 * i, r->pieces[i].dir, sizeof r->pieces[i].dir);
+        ENVSAMP_MEMCPY(r->axis + 3 * i, r->pieces[i].dir, sizeof r->pieces[i].dir);
     while (r->count < r->most && envsamp__halve_pieces(r, most))
         continue;
 }
@@ -8526,7 +8542,7 @@ static void envsamp__fill_points(envsamp__relaxation *r, double luminance)
     int i;
 
     r->point_groups = (r->count + ENVSAMP__POINTS - 1) / ENVSAMP__POINTS;
-    memset(r->points, 0, (size_t)r->point_groups * sizeof *r->points);
+    ENVSAMP_MEMSET(r->points, 0, (size_t)r->point_groups * sizeof *r->points);
     for (i = 0; i < r->count; i++) {
         const envsamp__piece *p = &r->pieces[i];
         envsamp__points *group = &r->points[i / ENVSAMP__POINTS];
@@ -8607,7 +8623,7 @@ static void envsamp__feed_lights(envsamp__relaxation *r)
 {
     int i, k;
 
-    memset(r->held, 0, (size_t)r->lights * sizeof *r->held);
+    ENVSAMP_MEMSET(r->held, 0, (size_t)r->lights * sizeof *r->held);
     for (i = 0; i < r->count; i++)
         r->held[r->pieces[i].light]++;
     for (k = 0; k < r->lights; k++)
@@ -8617,7 +8633,7 @@ static void envsamp__feed_lights(envsamp__relaxation *r)
             r->held[p->light]--;
             r->held[k] = 1;
             p->light = k;
-            memcpy(r->axis + 3 * k, p->dir, sizeof p->dir);
+            ENVSAMP_MEMCPY(r->axis + 3 * k, p->dir, sizeof p->dir);
         }
 }
 
@@ -8627,7 +8643,7 @@ static void envsamp__sum_pieces(envsamp__relaxation *r)
     int i;
 
     envsamp__feed_lights(r);
-    memset(r->sum, 0, (size_t)r->lights * sizeof *r->sum);
+    ENVSAMP_MEMSET(r->sum, 0, (size_t)r->lights * sizeof *r->sum);
     for (i = 0; i < r->count; i++)
         envsamp__add_square(&r->pieces[i].sum, &r->sum[r->pieces[i].light]);
 }
@@ -8719,7 +8735,7 @@ static void envsamp__fill_chords(const envsamp__relaxation *r)
 {
     int rows = r->lights + 1, columns = rows + 3, i, k;
 
-    memset(r->system, 0, (size_t)rows * (size_t)columns * sizeof(double));
+    ENVSAMP_MEMSET(r->system, 0, (size_t)rows * (size_t)columns * sizeof(double));
     for (i = 0; i < rows; i++) {
         double *row = r->system + (size_t)i * (size_t)columns;
 
@@ -8757,7 +8773,7 @@ static void envsamp__pull_light(const envsamp__relaxation *r, const float *axis,
     const envsamp__points *p = r->points;
     int group, i, c;
 
-    memset(sum, 0, sizeof sum);
+    ENVSAMP_MEMSET(sum, 0, sizeof sum);
     for (group = 0; group < r->point_groups; group++, p++) {
         for (i = 0; i < ENVSAMP__POINTS; i++) {
             float x = p->x[i] - axis[0], y = p->y[i] - axis[1], z = p->z[i] - axis[2];
@@ -8814,14 +8830,14 @@ static void envsamp__step_light(const envsamp__relaxation *r, int k, float next[
     double v[3];
     int i, c;
 
-    memcpy(v, pull, sizeof v);
+    ENVSAMP_MEMCPY(v, pull, sizeof v);
     for (i = 0; i < r->lights; i++, other += 3) {
         double push = r->weight[i] / (envsamp__chord(axis, other) + 1e-3);
 
         for (c = 0; c < 3; c++)
             v[c] += push * ((double)axis[c] - (double)other[c]);
     }
-    memcpy(next, axis, 3 * sizeof *next);
+    ENVSAMP_MEMCPY(next, axis, 3 * sizeof *next);
     envsamp__normalise(v, next);
 }
 
@@ -8844,7 +8860,7 @@ static void envsamp__step_lights(envsamp__relaxation *r, double momentum)
             v[i] = (double)next[3 * k + i] + (along < 0.0 ? 0.0 : momentum * went[i]);
         envsamp__normalise(v, r->axis + 3 * k);
     }
-    memcpy(r->was, next, 3 * (size_t)r->lights * sizeof *next);
+    ENVSAMP_MEMCPY(r->was, next, 3 * (size_t)r->lights * sizeof *next);
 }
 
 static void envsamp__move_lights(envsamp__relaxation *r, int rounds)
@@ -8852,7 +8868,7 @@ static void envsamp__move_lights(envsamp__relaxation *r, int rounds)
     int i, k;
 
     rounds = envsamp__min(rounds, 1 + ENVSAMP__DISTANCES_MAX / (r->count * r->lights));
-    memcpy(r->was, r->axis, 3 * (size_t)r->lights * sizeof *r->was);
+    ENVSAMP_MEMCPY(r->was, r->axis, 3 * (size_t)r->lights * sizeof *r->was);
     for (i = 0; i < rounds; i++) {
         for (k = 0; k < r->lights; k++)
             envsamp__pull_light(r, r->axis + 3 * k, r->pull + 4 * k);
@@ -8860,7 +8876,7 @@ static void envsamp__move_lights(envsamp__relaxation *r, int rounds)
             envsamp__weigh_moving(r);
         envsamp__step_lights(r, (double)i / (double)(i + 3));
     }
-    memcpy(r->axis, r->was, 3 * (size_t)r->lights * sizeof *r->was);
+    ENVSAMP_MEMCPY(r->axis, r->was, 3 * (size_t)r->lights * sizeof *r->was);
 }
 
 /* Lights that stand where they are for what they were given. */
@@ -8871,8 +8887,8 @@ static void envsamp__fill_lights(const envsamp__relaxation *r, envsamp_light *li
     for (k = 0; k < r->lights; k++) {
         const envsamp__square *sum = &r->sum[k];
 
-        memset(&lights[k], 0, sizeof lights[k]);
-        memcpy(lights[k].dir, r->axis + 3 * k, sizeof lights[k].dir);
+        ENVSAMP_MEMSET(&lights[k], 0, sizeof lights[k]);
+        ENVSAMP_MEMCPY(lights[k].dir, r->axis + 3 * k, sizeof lights[k].dir);
         for (c = 0; c < 3; c++)
             lights[k].irradiance[c] = envsamp__to_float(sum->rgb[c]);
         lights[k].solid_angle = (float)sum->sr;
@@ -8990,7 +9006,7 @@ static void envsamp__emission_carve(envsamp__emission *e, const envsamp__grain *
 {
     uint64_t texels = (uint64_t)grain->width * (uint64_t)grain->height;
 
-    memset(e, 0, sizeof *e);
+    ENVSAMP_MEMSET(e, 0, sizeof *e);
     e->grain = grain;
     e->map = (float *)envsamp__take(arena, texels, sizeof(float));
     e->bins = (double *)envsamp__take(arena, ENVSAMP__BINS, sizeof(double));
@@ -9010,9 +9026,9 @@ static double envsamp__survey_luminance(envsamp__emission *e, const float *row)
     int32_t lit[ENVSAMP__LANES];
     int width = e->grain->width, x, i;
 
-    memset(sum, 0, sizeof sum);
-    memset(most, 0, sizeof most);
-    memset(lit, 0, sizeof lit);
+    ENVSAMP_MEMSET(sum, 0, sizeof sum);
+    ENVSAMP_MEMSET(most, 0, sizeof most);
+    ENVSAMP_MEMSET(lit, 0, sizeof lit);
     for (x = 0; x + ENVSAMP__LANES <= width; x += ENVSAMP__LANES)
         for (i = 0; i < ENVSAMP__LANES; i++) {
             sum[i] += (double)row[x + i];
@@ -9085,7 +9101,7 @@ static void envsamp__fill_bins(const envsamp__emission *e, float threshold, cons
 {
     int width = e->grain->width, x, y, i;
 
-    memset(e->bins, 0, ENVSAMP__BINS * sizeof *e->bins);
+    ENVSAMP_MEMSET(e->bins, 0, ENVSAMP__BINS * sizeof *e->bins);
     for (y = 0; y < e->grain->height; y++)
         for (x = 0; x < width; x += ENVSAMP__LANES) {
             const float *row = envsamp__emission_row(e, y) + x;
@@ -9124,7 +9140,7 @@ static int envsamp__label_texels(const float *row, int count, float threshold, u
 {
     int emissive = 0, i;
 
-    memset(label, ENVSAMP__DIM, (size_t)count);
+    ENVSAMP_MEMSET(label, ENVSAMP__DIM, (size_t)count);
     if (!envsamp__any_above(row, count, threshold))
         return 0;
     for (i = 0; i < count; i++)
@@ -9192,7 +9208,7 @@ static void envsamp__decomposition_carve(envsamp__decomposition *d, envsamp__rel
                                          envsamp__cuts *indirect, const envsamp__grain *grain,
                                          const envsamp_lights_desc *desc, envsamp__arena *arena)
 {
-    memset(d, 0, sizeof *d);
+    ENVSAMP_MEMSET(d, 0, sizeof *d);
     d->desc = desc;
     d->direct = direct;
     d->indirect = indirect;
@@ -9436,7 +9452,7 @@ static void envsamp__fill_directs(envsamp__decomposition *d, envsamp_light *ligh
     double at[3];
     int i, k, x, y;
 
-    memset(r->sum, 0, (size_t)r->lights * sizeof *r->sum);
+    ENVSAMP_MEMSET(r->sum, 0, (size_t)r->lights * sizeof *r->sum);
     for (i = 0; i < r->count; i++) {
         const envsamp__piece *p = &r->pieces[i];
 
@@ -9488,7 +9504,7 @@ static void envsamp__fill_squared(envsamp__cuts *cuts)
 {
     int width = cuts->squares.across, stride = width + 1, x, y;
 
-    memset(cuts->squared, 0, (size_t)stride * sizeof *cuts->squared);
+    ENVSAMP_MEMSET(cuts->squared, 0, (size_t)stride * sizeof *cuts->squared);
     for (y = 0; y < cuts->squares.down; y++) {
         double row[2] = { 0.0, 0.0 };
         double (*at)[2] = cuts->squared + (size_t)(y + 1) * (size_t)stride;
@@ -9680,7 +9696,7 @@ static void envsamp__sum_decomposed(const envsamp__decomposition *d, int indirec
 
     if (indirect) {
         dim = envsamp__sum_squares(s, 0, 0, s->image->width, s->image->height);
-        memcpy(integral, dim.rgb, sizeof dim.rgb);
+        ENVSAMP_MEMCPY(integral, dim.rgb, sizeof dim.rgb);
     }
     for (i = 0; i < d->direct->lights; i++)
         for (c = 0; c < 3; c++)
@@ -9698,7 +9714,8 @@ static int envsamp__decompose(envsamp__decomposition *d, envsamp_light *lights,
     envsamp__set_reach(d);
     direct = envsamp__make_directs(d, lights);
     if (direct == 0)
-        memset(d->emission.labels, ENVSAMP__DIM, (size_t)grain->width * (size_t)grain->height);
+        ENVSAMP_MEMSET(d->emission.labels, ENVSAMP__DIM,
+                       (size_t)grain->width * (size_t)grain->height);
     if (direct > 0 && !(d->emission.luminance[0] > 0.0)) {
         envsamp__sum_decomposed(d, 0, integral);
         envsamp__share_directs(direct, count, lights);
@@ -9738,7 +9755,7 @@ static void envsamp__image_grain(const envsamp_image *image, envsamp__grain *gra
 static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image,
                                   const envsamp_lights_desc *desc, envsamp__arena *arena)
 {
-    memset(l, 0, sizeof *l);
+    ENVSAMP_MEMSET(l, 0, sizeof *l);
     l->image = image;
     l->desc = desc;
     envsamp__image_grain(image, &l->grain, arena);
@@ -9786,7 +9803,7 @@ static void envsamp__survey_squares(envsamp__lights *l, envsamp__squares *square
 
     l->info.bad_pixel_count = envsamp__make_squares(squares);
     all = envsamp__sum_squares(squares, 0, 0, l->image->width, l->image->height);
-    memcpy(l->info.integral, all.rgb, sizeof all.rgb);
+    ENVSAMP_MEMCPY(l->info.integral, all.rgb, sizeof all.rgb);
 }
 
 static void envsamp__fill_row_sr(const envsamp_image *image, double *row_sr)
@@ -9900,7 +9917,7 @@ static envsamp_lights_desc envsamp__lights_filled(const envsamp_lights_desc *des
 {
     envsamp_lights_desc filled;
 
-    memset(&filled, 0, sizeof filled);
+    ENVSAMP_MEMSET(&filled, 0, sizeof filled);
     if (desc)
         filled = *desc;
     filled.count = filled.count ? filled.count : 32;

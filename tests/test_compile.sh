@@ -78,7 +78,8 @@ cat >"$work/static.c" <<'END'
 int main(void);
 int main(void) { return envsamp_result_string(ENVSAMP_OK)[0] == 0; }
 END
-cat >"$work/own_math.c" <<'END'
+cat >"$work/own_all.c" <<'END'
+#include <stddef.h>
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -87,6 +88,9 @@ extern float own_sqrtf(float x);
 extern float own_fabsf(float x);
 extern float own_copysignf(float x, float y);
 extern void own_assert(int holds);
+extern void *own_memcpy(void *to, const void *from, size_t bytes);
+extern void *own_memset(void *to, int byte, size_t bytes);
+extern int own_memcmp(const void *a, const void *b, size_t bytes);
 #ifdef __cplusplus
 }
 #endif
@@ -95,6 +99,9 @@ extern void own_assert(int holds);
 #define ENVSAMP_FABSF(x) own_fabsf(x)
 #define ENVSAMP_COPYSIGNF(x, y) own_copysignf(x, y)
 #define ENVSAMP_ASSERT(x) own_assert(!!(x))
+#define ENVSAMP_MEMCPY(to, from, bytes) own_memcpy(to, from, bytes)
+#define ENVSAMP_MEMSET(to, byte, bytes) own_memset(to, byte, bytes)
+#define ENVSAMP_MEMCMP(a, b, bytes) own_memcmp(a, b, bytes)
 #define ENVSAMP_IMPLEMENTATION
 #include "envsamp.h"
 #if defined(assert) || defined(HUGE_VAL) || defined(FP_NAN)
@@ -122,7 +129,7 @@ standards()
     standard=$1
     check "$compiler $standard: without assert" compile implementation -O3 -DNDEBUG
     check "$compiler $standard: ENVSAMP_STATIC, and most of it unused" compile static -O1
-    check "$compiler $standard: own square roots and assert" compile own_math -O1
+    check "$compiler $standard: a function of one's own for each of libc" compile own_all -O1
     check "$compiler $standard: without stdio.h" compile no_stdio -O1
 }
 
@@ -132,6 +139,46 @@ compile()
     source=$1
     shift
     $compiler -x "$language" "-std=$standard" $flags "$@" -c "$work/$source.c" -o "$work/a.o"
+}
+
+# Nothing of a libc is included where all that the header calls is the user's.
+includes_no_libc()
+{
+    $cc -std=c99 -I"$root" -M "$work/own_all.c" >"$work/included" &&
+        grep -q 'envsamp\.h' "$work/included" &&
+        ! tr ' ' '\n' <"$work/included" | grep -E '/(string|math|assert|std(lib|io)|errno)\.h'
+}
+
+# freestanding FLAG...: own_all.c, with no more headers than those of the compiler itself.
+freestanding()
+{
+    clang --target=wasm32 "$@" -ffreestanding -nostdlib -nostdinc -isystem "$own_headers" $flags -O2 \
+        -c "$work/own_all.c" -o "$work/a.o"
+}
+
+# Without a libc, in C and C++. What a compiler calls of its own accord are mem functions.
+try_freestanding()
+{
+    own_headers=$(clang -print-resource-dir 2>/dev/null)/include
+    if [ -f "$own_headers/stddef.h" ] && clang --target=wasm32 -x c -c /dev/null -o "$work/a.o" \
+            2>/dev/null; then
+        flags=$strict_c
+        check "wasm32 without a libc, as C" freestanding -x c -std=c99
+        if have llvm-nm; then
+            llvm-nm -u "$work/a.o" >"$work/calls"
+            check "which calls but what is the user's, and mem functions" only_own_calls
+        fi
+        flags=$strict
+        check "wasm32 without a libc, as C++" freestanding -x c++ -std=c++11
+    else
+        skip "no clang that makes wasm32"
+    fi
+}
+
+only_own_calls()
+{
+    [ -s "$work/calls" ] && ! awk '{ print $2 }' "$work/calls" |
+        grep -Ev '^(own_(sqrtf?|fabsf|copysignf|assert|mem(cpy|set|cmp))|mem(cpy|set|move)|__.*)$'
 }
 
 # untried COMPILER: whether it is not one that was tried under another name.
@@ -159,6 +206,9 @@ try_compilers()
 
 try_compilers c "$strict_c" "c99 c11 c17" "$cc" gcc clang
 try_compilers c++ "$strict" "c++11 c++17 c++20" "$cxx" g++ clang++
+
+check "no header of libc with functions of one's own" includes_no_libc
+try_freestanding
 
 # ---- linking ----
 
@@ -238,7 +288,7 @@ fi
 
 $cc -std=c99 -O2 -I"$root" -c "$work/implementation.c" -o "$work/implementation.o"
 $cc -std=c99 -O2 -DNDEBUG -I"$root" -c "$work/implementation.c" -o "$work/release.o"
-$cc -std=c99 -O2 -I"$root" -c "$work/own_math.c" -o "$work/own_math.o"
+$cc -std=c99 -O2 -I"$root" -c "$work/own_all.c" -o "$work/own_all.o"
 
 only_own_exports()
 {
@@ -267,8 +317,8 @@ if have nm; then
     check "mem functions, sqrt and assert are all that is linked" \
         undefined_only "$work/implementation.o" 'sqrtf?|__assert_fail|__assert_rtn|__stack_chk_fail'
     check "no assert with NDEBUG" undefined_only "$work/release.o" 'sqrtf?|__stack_chk_fail'
-    check "own square roots and assert replace libm's" \
-        undefined_only "$work/own_math.o" 'own_(sqrtf?|fabsf|copysignf|assert)|__stack_chk_fail'
+    check "functions of one's own replace those of libc" undefined_only "$work/own_all.o" \
+        'own_(sqrtf?|fabsf|copysignf|assert|mem(cpy|set|cmp))|__stack_chk_fail'
     check "ENVSAMP_STATIC exports nothing" link_static
 else
     skip "no nm"
