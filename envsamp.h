@@ -128,7 +128,8 @@
  *   ENVSAMP_IMPLEMENTATION   in one file: compile the functions
  *   ENVSAMP_STATIC           with it, before the first include: functions are static, for that file
  *                            alone
- *   ENVSAMP_DEVICE           qualifiers of the functions that sample; default none, in CUDA
+ *   ENVSAMP_DEVICE           qualifiers of the functions that sample one at a time, and of all that
+ *                            they call; builds call those too. Default none, in CUDA and HIP
  *                            __host__ __device__
  *   ENVSAMP_ASSERT(x)        default assert(x) from assert.h
  *   ENVSAMP_SQRT(x)          double and float square root, exact to the last bit as IEEE wants it;
@@ -200,12 +201,12 @@
 #define ENVSAMP_DEF extern
 #endif
 
-#ifndef ENVSAMP_DEVICE
-#ifdef __CUDACC__
+#ifdef ENVSAMP_DEVICE
+#elif defined(__CUDACC__) || defined(__HIPCC__) || defined(__HIP__)
 #define ENVSAMP_DEVICE __host__ __device__
 #else
 #define ENVSAMP_DEVICE
-#endif
+#define ENVSAMP__HOST_ONLY
 #endif
 
 #define ENVSAMP_ALIGN 16        /* bytes: alignment of both buffers of a build */
@@ -813,7 +814,7 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 #include <assert.h>
 #define ENVSAMP_ASSERT(x) assert(x)
 #endif
-#if defined(__SSE__) && !defined(ENVSAMP_SQRTF) && !defined(__CUDACC__)
+#if defined(__SSE__) && !defined(ENVSAMP_SQRTF) && defined(ENVSAMP__HOST_ONLY)
 #include <xmmintrin.h>          /* sqrtf is a call where errno counts, this never is */
 #define ENVSAMP_SQRTF(x) _mm_cvtss_f32(_mm_sqrt_ss(_mm_set1_ps(x)))
 #define ENVSAMP__SSE
@@ -848,12 +849,12 @@ extern "C" {
  * ========================================================================================== */
 
 /* What a sample consists of: inlined, it costs nothing for a result that is not used. */
-#ifdef __CUDACC__
+#ifdef __GNUC__
+#define ENVSAMP__HOT ENVSAMP_DEVICE static inline __attribute__((always_inline))
+#elif defined(__CUDACC__)
 #define ENVSAMP__HOT ENVSAMP_DEVICE static __forceinline__
-#elif defined(__GNUC__)
-#define ENVSAMP__HOT static inline __attribute__((always_inline))
 #else
-#define ENVSAMP__HOT static inline
+#define ENVSAMP__HOT ENVSAMP_DEVICE static inline
 #endif
 #define ENVSAMP__MATH ENVSAMP_DEVICE static inline
 
@@ -6109,7 +6110,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
 #define ENVSAMP__WALK 4                     /* edges compared without a branch */
 #define ENVSAMP__CDF_SUMMED 131072          /* bytes of the checksum in one step */
 
-#if defined(__GNUC__) && !defined(__CUDACC__)
+#if defined(__GNUC__) && defined(ENVSAMP__HOST_ONLY)
 #define ENVSAMP__PREFETCH(p) __builtin_prefetch(p)
 #elif defined(ENVSAMP__SSE)
 #define ENVSAMP__PREFETCH(p) _mm_prefetch((const char *)(p), _MM_HINT_T0)
