@@ -108,8 +108,10 @@
  * examples/common/placement.h has these functions to take over, examples/placement.c checks them.
  *
  * GUARANTEES
- * - No heap, no stdio, no globals, no recursion; one call uses less than 8 KiB of stack. Only
- *   memcpy, memset, memcmp and, unless overridden, square roots and assert are linked.
+ * - No heap, no stdio, no globals, no recursion. Only memcpy, memset, memcmp and, unless overridden,
+ *   square roots and assert are linked.
+ * - One call uses less than 8 KiB of stack, functions of yours and sanitizers not counted: "make
+ *   test" measures every function with gcc and clang, -O0 to -O3 and -Os.
  * - All memory is yours: ask _sizes, give two buffers to _build, aligned to ENVSAMP_ALIGN. Scratch
  *   is free again after the build. The table holds no pointers: copy it, map it, store it, send
  *   it to a GPU, and _open it there.
@@ -337,7 +339,7 @@ ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void);
 /* How large the two buffers of a build must be. `desc` NULL: the defaults. Needs the image's
    sizes, not its pixels, which may be NULL here. The table may turn out smaller:
    envsamp_kd_bytes. Scratch holds the luminance of the map as floats, a pyramid over it, and the
-   blocks: 5 bytes a texel, 200 a block, FIT 40 more, and 100 a row.
+   blocks: 5 bytes a texel, 200 a block, FIT 40 more, 100 a row, and 14 KB.
    Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_sizes *sizes);
@@ -463,7 +465,7 @@ ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void);
 
 /* How large the two buffers of a build must be, exactly. `desc` NULL: the defaults. Needs the
    image's sizes, not its pixels, which may be NULL here. The table is 4.5 to 5 bytes a texel,
-   4.5 at a width of 2^k, and some 45 a row; scratch is 40 bytes a column and 80 a row.
+   4.5 at a width of 2^k, and some 45 a row; scratch is 40 bytes a column, 80 a row, and 4 KB.
    Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
                                              const envsamp_cdf_desc *desc, envsamp_sizes *sizes);
@@ -848,8 +850,9 @@ extern "C" {
  * libm. Float for sampling, double for builds.
  * ========================================================================================== */
 
-/* What a sample consists of: inlined, it costs nothing for a result that is not used. */
-#ifdef __GNUC__
+/* What a sample consists of: inlined, it costs nothing for a result that is not used. Not at -O0,
+   where each copy would take stack of its own. */
+#if defined(__GNUC__) && defined(__OPTIMIZE__)
 #define ENVSAMP__HOT ENVSAMP_DEVICE static inline __attribute__((always_inline))
 #elif defined(__CUDACC__)
 #define ENVSAMP__HOT ENVSAMP_DEVICE static __forceinline__
@@ -1953,6 +1956,12 @@ typedef struct envsamp__level {
     int width, height, shift;
 } envsamp__level;
 
+/* Light, sum of squares and maximum of some cells of a row, solid angle included. */
+typedef struct envsamp__run {
+    double sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK];
+    float peak[ENVSAMP__CHUNK];
+} envsamp__run;
+
 typedef struct envsamp__map {
     envsamp_mapping mapping;
     int image_width, image_height;
@@ -1963,6 +1972,7 @@ typedef struct envsamp__map {
     size_t stride, knot_count;
     double *cap;                /* height + 1: polar angles of the row edges: see envsamp__polar */
     envsamp__row_part *rows;    /* height */
+    envsamp__run *runs;         /* two, for sums over cells */
     envsamp__level levels[ENVSAMP__LEVELS];
     int level_count;
     double integral;
@@ -2257,12 +2267,6 @@ static inline const float *envsamp__line(const envsamp__map *map, int y)
     return map->knots + (size_t)y * map->stride;
 }
 
-/* Light, sum of squares and maximum of some cells of a row, solid angle included. */
-typedef struct envsamp__run {
-    double sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK];
-    float peak[ENVSAMP__CHUNK];
-} envsamp__run;
-
 /* Eight cells one wide between lines of knots a and c. Along a line through the row, the mean over
    its height, and the rise, are linear, so their squares add up as m0 m0 + m0 m1 + m1 m1. */
 static inline void envsamp__bilinear_cells(const float *a, const float *c,
@@ -2449,23 +2453,23 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
 
     for (x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
         int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
-        envsamp__run total, run;
+        envsamp__run *total = map->runs, *run = map->runs + 1;
 
         envsamp__row_run(map, envsamp__line(map, cell_y * 4), &map->rows[cell_y * 4], &all, x0,
-                         count, &total);
+                         count, total);
         for (y = cell_y * 4 + 1; y < end; y++) {
-            envsamp__row_run(map, envsamp__line(map, y), &map->rows[y], &all, x0, count, &run);
+            envsamp__row_run(map, envsamp__line(map, y), &map->rows[y], &all, x0, count, run);
             if (count == ENVSAMP__CHUNK)
-                envsamp__sum_runs(&total, &run, ENVSAMP__CHUNK);
+                envsamp__sum_runs(total, run, ENVSAMP__CHUNK);
             else
-                envsamp__sum_runs(&total, &run, count);
+                envsamp__sum_runs(total, run, count);
         }
         for (x = 0; x < count; x += 4, cell++) {
             envsamp__moments m = { 0.0, 0.0, 0.0f };
             double inverse = 1.0 / (level->row_sr[cell_y]
                                     * envsamp__columns(map, level, (x0 + x) / 4));
 
-            envsamp__add_run(&total, x, envsamp__min(x + 4, count), &m);
+            envsamp__add_run(total, x, envsamp__min(x + 4, count), &m);
             cell->mean = (float)(m.sum * inverse);
             cell->rms = (float)ENVSAMP_SQRT(m.square * inverse);
             cell->peak = m.peak;
@@ -2569,6 +2573,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
     map->knot_count = (size_t)lines * map->stride;
     map->knots = (float *)envsamp__take(arena, lines * map->stride + ENVSAMP__BEYOND,
                                         sizeof(float));
+    map->runs = (envsamp__run *)envsamp__take(arena, 2, sizeof(envsamp__run));
 }
 
 /* ============================================================================================
@@ -2800,16 +2805,16 @@ static void envsamp__profile_cells(const envsamp__map *map, const envsamp__rect 
 
         for (x0 = w->x0; x0 < w->x1; x0 += ENVSAMP__CHUNK) {
             int count = envsamp__min(ENVSAMP__CHUNK, w->x1 - x0), at = x0 - w->x0;
-            envsamp__run run;
+            envsamp__run *run = map->runs;
 
-            envsamp__row_run(map, envsamp__line(map, y), &part, rect, x0, count, &run);
-            envsamp__add_run(&run, 0, count, &row);
+            envsamp__row_run(map, envsamp__line(map, y), &part, rect, x0, count, run);
+            envsamp__add_run(run, 0, count, &row);
             for (x = 0; x < count; x++) {
-                c->sum[at + x] += run.sum[x];
-                c->square[at + x] += run.square[x];
+                c->sum[at + x] += run->sum[x];
+                c->square[at + x] += run->square[x];
             }
             for (x = 0; x < count; x++)
-                c->peak[at + x] = run.peak[x] > c->peak[at + x] ? run.peak[x] : c->peak[at + x];
+                c->peak[at + x] = run->peak[x] > c->peak[at + x] ? run->peak[x] : c->peak[at + x];
         }
         r->sum[y - w->y0] = row.sum;
         r->square[y - w->y0] = row.square;
@@ -2848,14 +2853,14 @@ static void envsamp__add_row(const envsamp__map *map, int y, int x0, int x1,
 
     while (x0 < x1) {
         int end = envsamp__min(x0 + ENVSAMP__CHUNK, x1), x = x0;
-        envsamp__run run;
+        envsamp__run *run = map->runs;
 
-        envsamp__row_run(map, envsamp__line(map, y), &part, rect, x0, end - x0, &run);
+        envsamp__row_run(map, envsamp__line(map, y), &part, rect, x0, end - x0, run);
         while (x < end) {
             int next = envsamp__min(((x >> bins->shift_x) + 1) << bins->shift_x, end);
             envsamp__moments m = { 0.0, 0.0, 0.0f };
 
-            envsamp__add_run(&run, x - x0, next - x0, &m);
+            envsamp__add_run(run, x - x0, next - x0, &m);
             envsamp__add_moments(bins, x, y, m.sum, m.square, m.peak);
             x = next;
         }
@@ -3156,7 +3161,7 @@ static envsamp__window envsamp__fine_profile(envsamp__tree *tree, int bits,
     double step = 1.0 / (double)(1 << bits);
     envsamp__row_part part;
     envsamp__window w;
-    envsamp__run run;
+    envsamp__run *run = map->runs;
     int i, j;
 
     w.x0 = (int)(rect->x0 / step);
@@ -3177,20 +3182,20 @@ static envsamp__window envsamp__fine_profile(envsamp__tree *tree, int bits,
             double right = (double)(i + 1) * step;
 
             right = right < rect->x1 ? right : rect->x1;
-            envsamp__cut_cell(map, envsamp__line(map, y), &part, i >> bits, left, right, &run,
+            envsamp__cut_cell(map, envsamp__line(map, y), &part, i >> bits, left, right, run,
                               i - w.x0);
             tree->columns->weight[i - w.x0] = right - left;
         }
-        envsamp__add_run(&run, 0, w.x1 - w.x0, &row);
+        envsamp__add_run(run, 0, w.x1 - w.x0, &row);
         tree->rows->sum[j - w.y0] = row.sum;
         tree->rows->square[j - w.y0] = row.square;
         tree->rows->peak[j - w.y0] = row.peak;
         tree->rows->weight[j - w.y0] = part.sr;
         for (i = 0; i < w.x1 - w.x0; i++) {
-            tree->columns->sum[i] += run.sum[i];
-            tree->columns->square[i] += run.square[i];
-            if (run.peak[i] > tree->columns->peak[i])
-                tree->columns->peak[i] = run.peak[i];
+            tree->columns->sum[i] += run->sum[i];
+            tree->columns->square[i] += run->square[i];
+            if (run->peak[i] > tree->columns->peak[i])
+                tree->columns->peak[i] = run->peak[i];
         }
     }
     return w;
@@ -3720,10 +3725,10 @@ static envsamp__moments envsamp__cell_moments(const envsamp__map *map, const env
 
         for (x = w.x0; x < w.x1; x += ENVSAMP__CHUNK) {
             int count = envsamp__min(ENVSAMP__CHUNK, w.x1 - x);
-            envsamp__run run;
+            envsamp__run *run = map->runs;
 
-            envsamp__row_run(map, envsamp__line(map, y), &part, rect, x, count, &run);
-            envsamp__add_run(&run, 0, count, &m);
+            envsamp__row_run(map, envsamp__line(map, y), &part, rect, x, count, run);
+            envsamp__add_run(run, 0, count, &m);
         }
     }
     return m;
@@ -4403,6 +4408,7 @@ typedef struct envsamp__warp_writer {
     double second;                  /* moment of L / pdf */
     double max_ratio;
     uint32_t root;                  /* link to the root of the nodes */
+    envsamp__part *stack;           /* ENVSAMP__WARP_DEPTH + 2 */
 } envsamp__warp_writer;
 
 /* Weight of a block that is lit, however little: zero would leave its light unsampled. */
@@ -4532,7 +4538,7 @@ static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p, e
 
 static void envsamp__write_tile(envsamp__warp_writer *w, const envsamp__part *tile)
 {
-    envsamp__part stack[ENVSAMP__WARP_DEPTH + 2];
+    envsamp__part *stack = w->stack;
     int top = 0;
 
     stack[top++] = *tile;
@@ -4988,6 +4994,8 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     tree->heap = (envsamp__heap_entry *)envsamp__take(arena, count, sizeof(envsamp__heap_entry));
     tree->columns = (envsamp__profile *)envsamp__take(arena, 1, sizeof(envsamp__profile));
     tree->rows = (envsamp__profile *)envsamp__take(arena, 1, sizeof(envsamp__profile));
+    job->writer.stack = (envsamp__part *)envsamp__take(arena, ENVSAMP__WARP_DEPTH + 2,
+                                                       sizeof(envsamp__part));
     job->probability = (double *)envsamp__take(arena, count, sizeof(double));
     job->order = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
     job->place = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
@@ -6349,15 +6357,15 @@ static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y)
     for (x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
         int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
         double *weight = job->weight + x0, *square = job->cell_square + x0;
-        envsamp__run run;
+        envsamp__run *run = map->runs;
 
-        envsamp__row_run(map, map->knots, part, &all, x0, count, &run);
+        envsamp__row_run(map, map->knots, part, &all, x0, count, run);
         for (x = 0; x < count; x++) {
-            weight[x] = map->bilinear ? envsamp__q(part->sr, run.square[x]) : run.sum[x];
-            square[x] = run.square[x];
-            sum += run.sum[x];
+            weight[x] = map->bilinear ? envsamp__q(part->sr, run->square[x]) : run->sum[x];
+            square[x] = run->square[x];
+            sum += run->sum[x];
         }
-        ENVSAMP_MEMCPY(job->cell_max + x0, run.peak, (size_t)count * sizeof(float));
+        ENVSAMP_MEMCPY(job->cell_max + x0, run->peak, (size_t)count * sizeof(float));
     }
     for (x = 0; x < map->width && map->bilinear; x += map->width - 1) {    /* are half as wide */
         job->weight[x] *= ENVSAMP_SQRT(0.5);

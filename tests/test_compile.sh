@@ -324,24 +324,6 @@ else
     skip "no nm"
 fi
 
-# ---- stack ----
-
-# A call nests a handful of functions, so no one of them may have more than the whole allowance.
-stack_below()
-{
-    (cd "$work" && gcc -std=c99 "$2" -fstack-usage -I"$root" -c implementation.c -o stack.o) &&
-        [ -s "$work/stack.su" ] &&
-        ! awk -F '\t' -v most="$1" '$2 > most || $3 ~ /^dynamic$/' "$work/stack.su" | grep .
-}
-
-if have gcc; then
-    for level in -O0 -O2 -O3; do
-        check "no function has more than 8 KiB of stack at $level" stack_below 8192 "$level"
-    done
-else
-    skip "no gcc for its stack usage"
-fi
-
 # ---- the text ----
 
 no_long_lines()
