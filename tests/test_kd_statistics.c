@@ -11,16 +11,20 @@
 #include "../examples/common/maps.h"
 #include "../examples/common/random.h"
 
-static const char *const select_names[] = { "WARP", "ALIAS", "FIT" };
+static const char *const select_names[] = { "WARP", "ALIAS", "FIT", "POWER" };
+
+#define POWER ((envsamp_kd_select)3)    /* FIT, with this model */
 
 #define SAMPLES (1 << 20)
 #define EDGE 5e-7               /* of u and v: how near an edge a float direction is ambiguous */
 
 static int build(reference *r, const image *map, int blocks, envsamp_kd_select select)
 {
-    const envsamp_kd_desc desc = kd_desc(blocks, select);
-    const int built = reference_build(r, map, &desc);
+    envsamp_kd_desc desc = kd_desc(blocks, select == POWER ? ENVSAMP_KD_FIT : select);
+    int built;
 
+    desc.model = select == POWER ? ENVSAMP_KD_POWER : ENVSAMP_KD_LOG;
+    built = reference_build(r, map, &desc);
     if (!built)
         CHECK(0, "a table of %d blocks builds: %s", blocks, envsamp_result_string(r->f.result));
     return built;
@@ -193,6 +197,8 @@ static void test_all_blocks(void)
         for (k = 0; k < 3; k++) {
             test_blocks(names[i], counts[k], ENVSAMP_KD_ALIAS);
             test_blocks(names[i], counts[k], ENVSAMP_KD_FIT);
+            if (k < 2)
+                test_blocks(names[i], counts[k], POWER);
             test_blocks(names[i], counts[k], ENVSAMP_KD_WARP);
         }
 }
@@ -852,6 +858,7 @@ int main(void)
     test_positions("sky", 6144, ENVSAMP_KD_ALIAS);
     test_positions("foliage", 32768, ENVSAMP_KD_ALIAS);
     test_positions("sky", 6144, ENVSAMP_KD_FIT);
+    test_positions("night", 6144, POWER);
     test_positions("sky", 6144, ENVSAMP_KD_WARP);
     test_positions("foliage", 32768, ENVSAMP_KD_WARP);
     test_rare_blocks(1.0);
