@@ -122,9 +122,10 @@
  * - Sums over a map are doubles that only add positive numbers. Blocks of WARP have edges at whole
  *   multiples of 2^-24 in the unit square, blocks of ALIAS such probabilities: what 24-bit numbers
  *   draw is exactly what is claimed. pdf is the density that is really sampled.
- * - IEEE arithmetic, not contracted (-ffp-contract=off, which gcc's -std=c99 implies) and without
- *   the excess precision of the x87, gives the same bits with any compiler, optimisation level and
- *   libm, on any processor of the same byte order.
+ * - IEEE arithmetic with FLT_EVAL_METHOD 0, not contracted (-ffp-contract=off, which gcc's -std=c99
+ *   implies), gives the same bits with any compiler, optimisation level and libm, on any processor
+ *   of the same byte order, and the same numbers on those of the other. gcc's -std=c99 on s390x
+ *   needs -fexcess-precision=fast for that, 32-bit x86 -msse2 -mfpmath=sse.
  *
  * CONFIGURATION, by macros defined before the include
  *   ENVSAMP_IMPLEMENTATION   in one file: compile the functions
@@ -146,6 +147,8 @@
  *
  * LIMITS. Directions may be 1e-15 to 1e18 long. Tables are in the
  * byte order of the machine that built them; one from a machine of the other order fails to open.
+ * Directed rounding modes are not supported: in them calls end, but results may be wrong. clang,
+ * unless told -ffp-exception-behavior=maytrap, raises floating-point exceptions that no C asks for.
  * A map with nothing brighter than 1e-36 is sampled right, but its info has lost digits.
  * Where size_t has 32 bits, _sizes refuses maps of 4 GB and buffers of 2 GB: ENVSAMP_ERR_SIZE.
  *
@@ -4126,9 +4129,9 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
 /* ============================================================================================
  * KD TABLE                                                              [search: @kd-table]
  *
- * One block of 32-bit words, little-endian on nearly every machine, without pointers: the header
- * below (a double is two words), then arrays at the byte offsets that it holds, as far as the
- * selection needs them. `bits` is log2 of block_count, rounded up, and tiles stands for
+ * One block of 32-bit words in the byte order of the machine, without pointers: the header below (a
+ * double is two words), then arrays at the byte offsets that it holds, as far as the selection
+ * needs them. `bits` is log2 of block_count, rounded up, and tiles stands for
  * 2^(tile_bits_x + tile_bits_y).
  *
  *     tiles   WARP         tiles x { float x0, x1, y0, y1 }: edges in the map. Tile

@@ -8,16 +8,16 @@
 # node where it has to:
 #
 #     bits        tests/portability/bits.c hashes tables, samples, densities, inverses, lights and
-#                 halftones twice: as they are in memory, equal on all machines of one byte order, and
-#                 as values, equal on all machines. Warnings are errors.
+#                 halftones twice: as they are in memory, equal on all machines of one byte order,
+#                 and as values, equal on all machines. Warnings are errors.
 #     own bits    the same where FLT_EVAL_METHOD is not 0, which has bits of its own: it has to run
 #     test_lm     tests/test_lm.c
 #     quickstart  examples/quickstart.c
 #     device      bits.c compiled by nvcc, not run
 #
-# What is missing is skipped by name; `make portability-setup` installs it. gcc's -std=c99 is left to
-# contract nothing by itself, every other row has -ffp-contract=off. Programs for other machines are
-# linked statically, those for wasm32 freestanding, without a libc; the table does not repeat that.
+# What is missing is skipped by name; `make portability-setup` installs it. Programs for other
+# machines are linked statically, those for wasm32 freestanding, without a libc; the table does not
+# repeat that. gcc with -std=c99 to c17 is trusted to contract nothing, as it says.
 # The exit status is 1 if a row failed. JOBS=2: rows at a time; the default is one a core.
 cd "$(dirname "$0")/.." || exit 1
 
@@ -40,7 +40,9 @@ sources_of() {
     case $compiler in nvcc) language="-x cu" ;; tcc) language= ;; esac
     warnings=-w
     case $program,$compiler in *bits,tcc | device,*) ;; *bits,*) warnings=$strict ;; esac
-    case $program,$language in *bits,"-x c") warnings="$warnings -Wstrict-prototypes -Wmissing-prototypes" ;; esac
+    case $program,$language in
+    *bits,"-x c") warnings="$warnings -Wstrict-prototypes -Wmissing-prototypes" ;;
+    esac
     case $program in
     *bits | device) source=tests/portability/bits.c ;;
     test_lm) source=tests/test_lm.c ;;
@@ -112,7 +114,7 @@ row() {
     echo "$1|$2|$3|$4|$5|$6|$7" >>"$tmp/rows"
 }
 
-# machine, byte order, runner, flags of the machine, prefix of gcc: what holds of a machine with gcc.
+# Rows of gcc: machine, byte order, runner, flags of the machine, prefix of its commands.
 gcc_rows() {
     row "$1" "$2" "$3" "${5}gcc" c99 "-O2${4:+ $4}" bits
     row "$1" "$2" "$3" "${5}gcc" gnu17 "-O3${4:+ $4} -ffp-contract=off" bits

@@ -1,7 +1,8 @@
 /* bits.c: prints two hashes of tables, samples, densities, inverses, lights and halftones.
  *
- * The first is of memory: equal on all machines of one byte order. The second is of the same numbers
- * with the lowest byte first, without the checksums, which are of memory: equal on all machines.
+ * The first is of memory: equal on all machines of one byte order. The second is of the same
+ * numbers with the lowest byte first, without the checksums, which are of memory: equal on all
+ * machines.
  *
  * Nothing but envsamp.h is needed where BITS_NO_MAIN is defined: no heap, no stdio. */
 #define ENVSAMP_IMPLEMENTATION

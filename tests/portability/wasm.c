@@ -1,6 +1,6 @@
 /* wasm.c: bits.c for WebAssembly without a libc. The compiler itself asks for memcpy, memset and
- * memcmp; square roots are instructions. Compile as freestanding, or the loops below may become calls
- * of themselves. */
+ * memcmp; square roots are instructions. Compile it as freestanding, or the loops below may become
+ * calls of themselves. */
 #include <stddef.h>
 
 #ifdef __cplusplus
