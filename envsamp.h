@@ -108,8 +108,8 @@
  * examples/common/placement.h has these functions to take over, examples/placement.c checks them.
  *
  * GUARANTEES
- * - No heap, no stdio, no globals, no recursion. Only memcpy, memset, memcmp and, unless overridden,
- *   square roots and assert are linked.
+ * - No heap, no stdio, no globals, no recursion. Only memcpy, memset, memcmp, square roots and
+ *   assert are linked, unless overridden.
  * - One call uses less than 8 KiB of stack, functions of yours and sanitizers not counted: "make
  *   test" measures every function with gcc and clang, -O0 to -O3 and -Os.
  * - All memory is yours: ask _sizes, give two buffers to _build, aligned to ENVSAMP_ALIGN. Scratch
