@@ -1725,22 +1725,15 @@ static void envsamp__lm_iterate(envsamp__lm *lm)
     lm->stopped = lm->converged;
 }
 
-/* The first trust radius: generous beside params, but wide enough to change f by its own size where
- * they start near zero. */
-static void envsamp__lm_set_radius(envsamp__lm *lm)
-{
-    double fnorm = ENVSAMP_SQRT(lm->cost);
-
-    lm->delta = 100.0 * envsamp__lm_scaled_norm(lm);
-    if (lm->delta < fnorm) lm->delta = fnorm;
-}
-
+/* The first trust radius is generous beside params, but wide enough to change f by its own size
+ * where they start near zero. */
 static void envsamp__lm_run(envsamp__lm *lm, int max_iterations)
 {
     while (!lm->stopped && lm->iterations < max_iterations) {
         if (lm->stale) envsamp__lm_linearise(lm);
         if (lm->stopped) return;
-        if (lm->iterations == 0) envsamp__lm_set_radius(lm);
+        if (lm->iterations == 0)
+            lm->delta = envsamp__max(100.0 * envsamp__lm_scaled_norm(lm), ENVSAMP_SQRT(lm->cost));
         envsamp__lm_iterate(lm);
     }
 }
@@ -1768,16 +1761,6 @@ ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
     return row_bytes * (size_t)desc->residual_count;
 }
 
-static envsamp_result envsamp__lm_check(const envsamp_lm_desc *desc, envsamp_buffer scratch)
-{
-    size_t bytes = envsamp_lm_scratch_bytes(desc);
-
-    if (bytes == 0) return ENVSAMP_ERR_PARAM;
-    if (scratch.bytes < bytes) return ENVSAMP_ERR_MEMORY;
-    if ((uintptr_t)scratch.data % ENVSAMP_ALIGN != 0) return ENVSAMP_ERR_ALIGN;
-    return ENVSAMP_OK;
-}
-
 static void envsamp__lm_begin(envsamp__lm *lm, const envsamp_lm_desc *desc, double *params,
                               double *scratch)
 {
@@ -1801,11 +1784,13 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
                                       envsamp_lm_info *info)
 {
     envsamp__lm lm;
-    envsamp_result result;
+    size_t bytes;
 
     if (!desc || !fn || !params || !scratch.data) return ENVSAMP_ERR_NULL;
-    result = envsamp__lm_check(desc, scratch);
-    if (result != ENVSAMP_OK) return result;
+    bytes = envsamp_lm_scratch_bytes(desc);
+    if (bytes == 0) return ENVSAMP_ERR_PARAM;
+    if (scratch.bytes < bytes) return ENVSAMP_ERR_MEMORY;
+    if ((uintptr_t)scratch.data % ENVSAMP_ALIGN != 0) return ENVSAMP_ERR_ALIGN;
 
     envsamp__lm_begin(&lm, desc, params, (double *)scratch.data);
     lm.fn = fn;
@@ -3112,15 +3097,6 @@ static void envsamp__try_cuts(const envsamp__profile *p, int count, double cross
     }
 }
 
-/* What the found cut gains; 0 or rounding when every cut is as good as none. */
-static double envsamp__cut_gain(const envsamp__search *search, double sr,
-                                const envsamp__moments *whole, int excess)
-{
-    if (excess)
-        return envsamp__q(sr, whole->square) - ENVSAMP_SQRT(-search->best);
-    return search->best - whole->sum * whole->sum / sr;
-}
-
 /* How finely the cells of a small block are to be divided. */
 static int envsamp__fine_bits(const envsamp__tree *tree, const envsamp__rect *r)
 {
@@ -3226,7 +3202,8 @@ static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
     b->axis = search.axis;
     if (search.axis < 0)
         return 0.0;
-    gain = envsamp__cut_gain(&search, sr, &whole, excess);
+    gain = excess ? envsamp__q(sr, whole.square) - ENVSAMP_SQRT(-search.best)
+                  : search.best - whole.sum * whole.sum / sr;
     if (gain <= ENVSAMP__FLAT * (excess ? whole.sum : search.best)) {
         gain = 0.0;
         b->axis = search.axis = width < height;
@@ -3306,13 +3283,6 @@ static void envsamp__split(envsamp__tree *tree, uint32_t index)
     b->slot = cut * 2;
     high->slot = cut * 2 + 1;
     tree->block_count++;
-}
-
-/* Puts block i, a tile, on the heap. */
-static void envsamp__plant(envsamp__tree *tree, int i)
-{
-    envsamp__find_split(tree, &tree->blocks[i]);
-    envsamp__heap_push(tree, envsamp__priority(tree, &tree->blocks[i]), (uint32_t)i);
 }
 
 /* One step of the splitting: searches the split of the block at the top of the heap, or makes it.
@@ -5343,7 +5313,8 @@ static int envsamp__kd_split(envsamp_kd_job *job, int item)
             envsamp__crown_begin(tree, warp ? envsamp__most_tile_bits(job->block_limit) : 0);
         return envsamp__crown_grow(tree);
     case ENVSAMP__DO_TILES:
-        envsamp__plant(tree, item);
+        envsamp__find_split(tree, &tree->blocks[item]);
+        envsamp__heap_push(tree, envsamp__priority(tree, &tree->blocks[item]), (uint32_t)item);
         return item + 1 < tree->block_count;
     case ENVSAMP__DO_SPLITS:
         return envsamp__grow(tree, job->block_limit);
@@ -7393,17 +7364,6 @@ static void envsamp__walk_texels(envsamp__halftone *h, int x, int y0, int y1, in
         envsamp__walk_texel(h, x, up ? y1 - 1 - y : y0 + y);
 }
 
-/* A whole column of the cell, whose texels count only if one of them is to be chosen. */
-static void envsamp__walk_column(envsamp__halftone *h, int x, int up)
-{
-    if (h->error + h->sum[x] > h->threshold || envsamp__is_short(h, h->lit - h->lit_count[x])) {
-        envsamp__walk_texels(h, x, h->y0, h->y1, up);
-    } else {
-        h->error += h->sum[x];
-        h->lit -= h->lit_count[x];
-    }
-}
-
 /* A row of the cell's columns, the step-th way, all of their height or a part of it. In turns, rows
    of cells begin downwards and upwards: else those of an even map may all be low in their cells. */
 static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
@@ -7413,10 +7373,13 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
     for (i = 0; i < width; i++) {
         int x = step > 0 ? h->x0 + i : h->x1 - 1 - i;
 
-        if (y1 - y0 == h->y1 - h->y0)
-            envsamp__walk_column(h, x, (i + h->strip) & 1);
-        else
+        if (y1 - y0 < h->y1 - h->y0 || h->error + h->sum[x] > h->threshold
+            || envsamp__is_short(h, h->lit - h->lit_count[x])) {
             envsamp__walk_texels(h, x, y0, y1, (i + h->strip) & 1);
+        } else {                /* a whole column of which none is to be chosen */
+            h->error += h->sum[x];
+            h->lit -= h->lit_count[x];
+        }
     }
 }
 
@@ -7445,13 +7408,6 @@ static void envsamp__walk_cell(envsamp__halftone *h)
 }
 
 /* ---- diffusing ---- */
-
-/* Whether a kernel splits errors: not with CELLS, where all of one goes ahead, round the ends of
-   rows too. */
-static int envsamp__diffuses(const envsamp__halftone *h)
-{
-    return h->desc->scan == ENVSAMP_SCAN_TEXELS && h->desc->kernel != ENVSAMP_KERNEL_RANDOM;
-}
 
 /* The shares of [13]: between some levels of 0..255, which his table gives, the three change
    evenly. Above the middle they are those of 255 less the level. */
@@ -7495,8 +7451,8 @@ static void envsamp__set_kernel(envsamp__halftone *h)
     double parts = 0.0;
     int i;
 
-    if (!envsamp__diffuses(h))
-        return;
+    if (h->desc->scan == ENVSAMP_SCAN_CELLS || h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
+        return;                 /* all of an error goes ahead, round the ends of rows too */
     for (i = 0; i < ENVSAMP__TAPS && taps[h->desc->kernel][i].parts; i++)
         parts += (double)taps[h->desc->kernel][i].parts;
     h->tap_count = i;
@@ -7681,12 +7637,6 @@ static envsamp_result envsamp__importance_total(const envsamp__grain *grain, dou
     return *lit > 0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
 }
 
-static int envsamp__halftone_desc_valid(const envsamp_halftone_desc *desc)
-{
-    return desc->count >= 1 && (uint32_t)desc->kernel <= ENVSAMP_KERNEL_RANDOM
-        && (uint32_t)desc->scan <= ENVSAMP_SCAN_TEXELS;
-}
-
 ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   const envsamp_halftone_desc *desc,
                                                   envsamp_sizes *sizes)
@@ -7701,7 +7651,8 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
         return ENVSAMP_ERR_NULL;
     if (width < 1 || width > 65535 || height < 1 || height > 65535)
         return ENVSAMP_ERR_SIZE;
-    if (!envsamp__halftone_desc_valid(desc))
+    if (desc->count < 1 || (uint32_t)desc->kernel > ENVSAMP_KERNEL_RANDOM
+        || (uint32_t)desc->scan > ENVSAMP_SCAN_TEXELS)
         return ENVSAMP_ERR_PARAM;
     envsamp__halftone_carve(&h, desc, width, height, &arena);
     return envsamp__set_sizes(sizes, 0, arena.used);
