@@ -112,9 +112,9 @@
  *   assert are linked, unless overridden.
  * - One call uses less than 8 KiB of stack, functions of yours and sanitizers not counted: "make
  *   test" measures every function with gcc and clang, -O0 to -O3 and -Os.
- * - All memory is yours: ask _sizes, give two buffers to _build, aligned to ENVSAMP_ALIGN. Scratch
- *   is free again after the build. The table holds no pointers: copy it, map it, store it, send
- *   it to a GPU, and _open it there.
+ * - All memory is yours: ask _sizes, give two buffers to _build, aligned to ENVSAMP_ALIGN, 8 bytes,
+ *   as any malloc does; more makes no sample faster. Scratch is free again after the build. The
+ *   table holds no pointers: copy it, map it, store it, send it to a GPU, and _open it there.
  * - A table is read-only after the build; any number of threads may sample it.
  * - A build validates everything that it is given and returns a named result. One that fails leaves
  *   the table buffer as it was, or as nothing that passes _open.
@@ -214,7 +214,7 @@
 #define ENVSAMP__HOST_ONLY
 #endif
 
-#define ENVSAMP_ALIGN 16        /* bytes: alignment of both buffers of a build */
+#define ENVSAMP_ALIGN 8         /* bytes: alignment of both buffers of a build, as any malloc has */
 
 #ifdef __cplusplus
 extern "C" {
@@ -1836,6 +1836,9 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 #define ENVSAMP__TOP 128        /* cells of the coarsest level, at most: one split reads as many */
 #define ENVSAMP__BEYOND 9       /* knots that are read, but do not count, after the last */
 
+/* Where arrays begin in a buffer: at multiples of so many bytes from its start. */
+#define ENVSAMP__GRANULE 16
+
 /* Hands out pieces of a buffer, or, without one, only counts their bytes. */
 typedef struct envsamp__arena { char *base; uint64_t used; } envsamp__arena;
 
@@ -1843,7 +1846,7 @@ static void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
 {
     char *piece = arena->base ? arena->base + arena->used : NULL;
 
-    arena->used += (count * size + ENVSAMP_ALIGN - 1) / ENVSAMP_ALIGN * ENVSAMP_ALIGN;
+    arena->used += (count * size + ENVSAMP__GRANULE - 1) / ENVSAMP__GRANULE * ENVSAMP__GRANULE;
     return piece;
 }
 
@@ -6157,7 +6160,7 @@ static uint64_t envsamp__place_wide(uint64_t *end, uint64_t count, uint32_t size
 {
     uint64_t at = *end;
 
-    *end += (count * size + ENVSAMP_ALIGN - 1) / ENVSAMP_ALIGN * ENVSAMP_ALIGN;
+    *end += (count * size + ENVSAMP__GRANULE - 1) / ENVSAMP__GRANULE * ENVSAMP__GRANULE;
     return at;
 }
 
@@ -6279,7 +6282,7 @@ static void envsamp__cdf_clear_gaps(envsamp_cdf *cdf)
     ends[4] = cdf->edges_at;
     ends[5] = cdf->bytes;
     for (i = 0; i < 6; i++)
-        ENVSAMP_MEMSET((char *)cdf + ends[i] - ENVSAMP_ALIGN, 0, ENVSAMP_ALIGN);
+        ENVSAMP_MEMSET((char *)cdf + ends[i] - ENVSAMP__GRANULE, 0, ENVSAMP__GRANULE);
 }
 
 /* Shares 2^24 parts out by weight: one for everything above zero, then the rest in proportion, the

@@ -131,7 +131,7 @@ static void *aligned_memory(size_t bytes)
 {
     void *memory = NULL;
 
-    return posix_memalign(&memory, ENVSAMP_ALIGN, bytes ? bytes : 1) == 0 ? memory : NULL;
+    return posix_memalign(&memory, 64, bytes ? bytes : 1) == 0 ? memory : NULL;
 }
 
 static const char *library_memory(bench_row *row, envsamp_sizes sizes)

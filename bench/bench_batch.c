@@ -160,7 +160,7 @@ static void *aligned_memory(size_t bytes)
 {
     void *memory = NULL;
 
-    if (posix_memalign(&memory, ENVSAMP_ALIGN, bytes ? bytes : 1) != 0)
+    if (posix_memalign(&memory, 64, bytes ? bytes : 1) != 0)
         input_fail("set-up", "out of memory");
     return memory;
 }

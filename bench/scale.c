@@ -111,9 +111,9 @@ static int build_allocate(build *b, const envsamp_image *map)
     void *table = NULL, *scratch = NULL;
 
     build_measure(b, map);
-    if (posix_memalign(&table, ENVSAMP_ALIGN, b->sizes.table_bytes) != 0)
+    if (posix_memalign(&table, 64, b->sizes.table_bytes) != 0)
         table = NULL;
-    if (posix_memalign(&scratch, ENVSAMP_ALIGN, b->sizes.scratch_bytes) != 0)
+    if (posix_memalign(&scratch, 64, b->sizes.scratch_bytes) != 0)
         scratch = NULL;
     b->table.data = table;
     b->table.bytes = b->sizes.table_bytes;

@@ -1544,7 +1544,7 @@ static void test_memory(stage *s)
     good = refused(s, ENVSAMP_ERR_MEMORY);
     s->spoilt.scratch.bytes = 0;
     CHECK(good && refused(s, ENVSAMP_ERR_MEMORY) && accepted(s), "a byte of scratch less");
-    for (i = 1; i < 16; i++) {
+    for (i = 1; i < ENVSAMP_ALIGN; i++) {
         s->spoilt.scratch.data = (char *)s->scratch.buffer.data + i;
         good &= refused(s, ENVSAMP_ERR_ALIGN);
     }
@@ -1611,7 +1611,7 @@ static void test_scratch(void)
 
                     wrong += envsamp_halftone_sizes(widths[k], 65535, &desc, &sizes) != ENVSAMP_OK
                           || sizes.table_bytes || sizes.scratch_bytes < bytes
-                          || sizes.scratch_bytes > bytes + 5 * ENVSAMP_ALIGN;
+                          || sizes.scratch_bytes > bytes + 5 * 16;
                 }
     CHECK(wrong == 0, "scratch is what the header says: %d times not", wrong);
 }

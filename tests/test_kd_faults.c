@@ -784,7 +784,7 @@ static void test_bad_buffers(void)
     CHECK(build_refused(&f, &map, f.table.buffer, f.scratch.buffer, ENVSAMP_ERR_NULL),
           "no pixels");
     map = good_image();
-    for (i = 1; i < 16; i++) {
+    for (i = 1; i < ENVSAMP_ALIGN; i++) {
         moved = f.table.buffer;
         moved.data = (char *)moved.data + i;
         CHECK(build_refused(&f, &map, moved, f.scratch.buffer, ENVSAMP_ERR_ALIGN),

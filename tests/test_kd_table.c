@@ -224,13 +224,13 @@ static void test_open_errors(void)
     CHECK(envsamp_kd_open(NULL, bytes, &kd) == ENVSAMP_ERR_NULL && !kd, "nothing to open");
     CHECK(envsamp_kd_open(f.kd, bytes, NULL) == ENVSAMP_ERR_NULL, "nowhere to put it");
     copy = kd_guarded_make(bytes + 16, 0);
-    for (i = 1; i < 16; i++) {
+    for (i = 1; i < ENVSAMP_ALIGN; i++) {
         memcpy((char *)copy.buffer.data + i, f.kd, bytes);
         kd = f.kd;
         refused += envsamp_kd_open((char *)copy.buffer.data + i, bytes, &kd) == ENVSAMP_ERR_ALIGN
                 && !kd;
     }
-    CHECK(refused == 15, "a copy out of alignment is refused: %d of 15", refused);
+    CHECK(refused == ENVSAMP_ALIGN - 1, "a copy out of alignment is refused: %d of 7", refused);
     memset(copy.buffer.data, 0, bytes);
     CHECK(envsamp_kd_open(copy.buffer.data, bytes, &kd) == ENVSAMP_ERR_FORMAT && !kd, "zeros");
     memset(copy.buffer.data, 0xff, bytes);

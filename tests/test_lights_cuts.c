@@ -1912,7 +1912,7 @@ static void test_memory(int method)
           && envsamp_lights(&view, &desc, s.lights, 8, s.scratch.buffer, NULL)
           == ENVSAMP_ERR_MEMORY && envsamp_lights(&view, &desc, s.lights, INT_MIN,
                                                   s.scratch.buffer, NULL) == ENVSAMP_ERR_MEMORY
-          && set_intact(&s), "%s: %d of 15 shifts not aligned; too little capacity",
+          && set_intact(&s), "%s: %d of 7 shifts not aligned; too little capacity",
           method_names[method], right);
     view.pixels = NULL;
     CHECK(envsamp_lights(&view, &desc, s.lights, 9, s.scratch.buffer, NULL) == ENVSAMP_ERR_NULL

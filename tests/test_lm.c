@@ -570,9 +570,9 @@ static void test_scratch_size(void)
     CHECK(envsamp_lm(&desc, bard, NULL, params, scratch, NULL) == ENVSAMP_ERR_MEMORY,
           "one byte less");
     scratch.bytes = bytes;
-    scratch.data = scratch_start() + 1;
+    scratch.data = (char *)scratch_start() + 4;
     CHECK(envsamp_lm(&desc, bard, NULL, params, scratch, NULL) == ENVSAMP_ERR_ALIGN,
-          "8 bytes off alignment");
+          "4 bytes off alignment");
 }
 
 static int guards_stand(const unsigned char *bytes, size_t count)
