@@ -898,22 +898,81 @@ ENVSAMP__MATH float envsamp__bits_float(uint32_t bits)
     return value;
 }
 
-/* 1 for 0 and -0, and not for a NaN under -ffast-math. */
+/* ---- floats that may be anything ----
+ *
+ * With -ffast-math compilers take for granted that no float is a NaN or an infinity, and drop tests
+ * for them. What the caller gives is therefore tested and clamped by its bits, as integers; where
+ * that costs time, only then.
+ */
+
+#if (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) || defined(_M_FP_FAST)
+#define ENVSAMP__FINITE_ONLY
+#endif
+
+/* 1 for 0 and -0. */
 static int envsamp__is_zero(float value) { return envsamp__float_bits(value) << 1 == 0; }
 
-/* Whether a setting lies in a range. By its bits, so that -ffast-math refuses a NaN. */
-static int envsamp__in_range(float value, float least, float most)
+/* An integer that rises with the number: infinities are beyond FLT_MAX, NaNs beyond these. */
+ENVSAMP__MATH int32_t envsamp__order(float value)
 {
-    return (envsamp__float_bits(value) & 0x7f800000u) != 0x7f800000u && value >= least
-        && value <= most;
+    int32_t size = (int32_t)(envsamp__float_bits(value) & 0x7fffffffu);
+
+    return envsamp__sign(value) ? -size : size;
 }
 
-/* Any float to [0, 1), without a branch: NaN, infinities and 1 and above to the end, a negative
-   number by its size. */
+ENVSAMP__MATH int envsamp__in_range(float value, float least, float most)
+{
+    return envsamp__order(value) >= envsamp__order(least)
+        && envsamp__order(value) <= envsamp__order(most);
+}
+
+/* |x|, but no more than `most`: that for a NaN. Without a branch. */
+ENVSAMP__HOT float envsamp__at_most(float x, float most)
+{
+#ifdef ENVSAMP__FINITE_ONLY
+    int32_t bits = (int32_t)(envsamp__float_bits(x) & 0x7fffffffu);
+    int32_t end = (int32_t)envsamp__float_bits(most);
+
+    return envsamp__bits_float((uint32_t)(bits < end ? bits : end));
+#else
+    x = ENVSAMP_FABSF(x);
+    return x < most ? x : most;
+#endif
+}
+
+/* Any float to [0, 1): NaN, infinities and 1 and above to the end, a negative number by its
+   size. */
 ENVSAMP__HOT float envsamp__clamp_unit(float u)
 {
-    u = ENVSAMP_FABSF(u);
-    return u < ENVSAMP__BELOW_ONE ? u : ENVSAMP__BELOW_ONE;
+    return envsamp__at_most(u, ENVSAMP__BELOW_ONE);
+}
+
+/* [0, 1]; negative numbers and NaN count as 0. */
+ENVSAMP__MATH float envsamp__saturate(float x)
+{
+    return envsamp__float_bits(x) <= 0x7f800000u ? envsamp__at_most(x, 1.0f) : 0.0f;
+}
+
+/* The whole part of a number of 0 or more as an index below `count`, whatever it is. */
+ENVSAMP__HOT uint32_t envsamp__index(float x, uint32_t count)
+{
+    uint32_t whole = (uint32_t)(int)x;
+
+    return whole < count ? whole : count - 1;
+}
+
+/* A number of 0 or more with a sign, which a zero keeps. */
+ENVSAMP__MATH float envsamp__with_sign(float size, int negative)
+{
+    return envsamp__bits_float(envsamp__float_bits(size) | (uint32_t)negative << 31);
+}
+
+/* Half of a number, such that sums of halves do not become half of a sum, which may overflow. */
+static float envsamp__half(float x)
+{
+    uint32_t bits = envsamp__float_bits(x);
+
+    return bits >= 0x01000000u ? envsamp__bits_float(bits - 0x00800000u) : 0.5f * x;
 }
 
 /* Sine and cosine of pi x, 0 <= x <= 2, to 2e-16: Taylor series about the nearest half. */
@@ -976,7 +1035,8 @@ ENVSAMP__MATH float envsamp__turn(float y, float x)
    square root of the smaller one is a polynomial in it. */
 ENVSAMP__HOT float envsamp__polar_fraction(float north, float south)
 {
-    float t = north < south ? north : south, q = ENVSAMP_SQRTF(t);
+    float lesser = north < south ? north : south, t = lesser > 0.0f ? lesser : 0.0f;
+    float q = ENVSAMP_SQRTF(t);
     float t2 = t * t, low = 0.450158207f + t * 0.0375087059f + t2 * (0.00850684985f
                             + t * 0.00214716597f);
     float v = q * (low + t2 * t2 * (0.00178524512f - t * 0.000837066695f + t2 * 0.000730843713f));
@@ -1123,8 +1183,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_ot
 
     if (!(pdf_taken > 0.0f))
         return 0.0f;
-    if (pdf_taken > FLT_MAX)
-        return pdf_other > FLT_MAX ? 0.5f : 1.0f;
+    if (envsamp__order(pdf_taken) > envsamp__order(FLT_MAX))
+        return envsamp__order(pdf_other) > envsamp__order(FLT_MAX) ? 0.5f : 1.0f;
     ratio = pdf_other / pdf_taken;      /* squares of large densities would overflow */
     return 1.0f / (1.0f + ratio * ratio);
 }
@@ -1153,16 +1213,14 @@ ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float
     double cosine_phi, sine_phi, cosine, sine;
 
     dir[0] = dir[1] = dir[2] = 0.0f;
-    v = v > 0.0f ? v : 0.0f;
-    v = v < 1.0f ? v : 1.0f;
+    v = envsamp__saturate(v);
     if (mapping == ENVSAMP_OCTAHEDRAL) {
-        u = u > 0.0f ? u : 0.0f;
-        envsamp__octahedral_dir_exact((double)(u < 1.0f ? u : 1.0f), (double)v, dir);
+        envsamp__octahedral_dir_exact((double)envsamp__saturate(u), (double)v, dir);
         return;
     }
     if (mapping != ENVSAMP_LATLONG && mapping != ENVSAMP_HEMISPHERE)
         return;
-    u = u >= -1e6f && u <= 1e6f ? u : 0.0f;
+    u = envsamp__in_range(u, -1e6f, 1e6f) ? u : 0.0f;
     u -= (float)(int)u;
     envsamp__sincos_pi(2.0 * (double)(u < 0.0f ? u + 1.0f : u), &sine_phi, &cosine_phi);
     envsamp__sincos_pi((mapping == ENVSAMP_LATLONG ? 1.0 : 0.5) * (double)v, &sine, &cosine);
@@ -1179,12 +1237,13 @@ ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const
 
     if (mapping == ENVSAMP_OCTAHEDRAL) {
         envsamp__octahedral_uv(dir[0], dir[1], dir[2], r, &uv[0], &uv[1]);
+        uv[0] = envsamp__saturate(uv[0]);
+        uv[1] = envsamp__saturate(uv[1]);
         return;
     }
     turn = envsamp__turn(dir[1], dir[0]);
-    uv[0] = turn < 1.0f ? turn : 0.0f;
-    turn = envsamp__turn(r, dir[2]);
-    turn = turn > 0.0f ? turn : 0.0f;       /* a NaN, too */
+    uv[0] = envsamp__float_bits(turn) < 0x3f800000u ? turn : 0.0f;      /* a NaN is 0, too */
+    turn = envsamp__saturate(envsamp__turn(r, dir[2]));
     uv[1] = mapping == ENVSAMP_HEMISPHERE ? 4.0f * turn : 2.0f * turn;
 }
 
@@ -1281,12 +1340,13 @@ ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const f
     fx = uv[0] * (float)image->width;
     fy = uv[1] * (float)image->height;
     if (nearest) {
-        x = envsamp__min((int)fx, image->width - 1);
-        envsamp__add_texel(image, x, envsamp__min((int)fy, image->height - 1), 1.0f, rgb);
+        x = (int)envsamp__index(fx, (uint32_t)image->width);
+        y = (int)envsamp__index(fy, (uint32_t)image->height);
+        envsamp__add_texel(image, x, y, 1.0f, rgb);
         return;
     }
-    x = fx < 0.5f ? -1 : (int)(fx - 0.5f);
-    y = fy < 0.5f ? -1 : (int)(fy - 0.5f);
+    x = fx < 0.5f ? -1 : (int)envsamp__index(fx - 0.5f, (uint32_t)image->width);
+    y = fy < 0.5f ? -1 : (int)envsamp__index(fy - 0.5f, (uint32_t)image->height);
     fx -= 0.5f + (float)x;
     fy -= 0.5f + (float)y;
     envsamp__add_texel(image, x, y, (1.0f - fx) * (1.0f - fy), rgb);
@@ -1369,12 +1429,22 @@ static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
     return ENVSAMP_SQRT(envsamp__lm_dot(scaled, scaled, lm->n));
 }
 
+/* The bits of a number from memory, where no compiler knows more of it than they say. */
+static uint64_t envsamp__lm_bits(const double *value)
+{
+    double read = *(const volatile double *)value;
+    uint64_t bits;
+
+    ENVSAMP_MEMCPY(&bits, &read, sizeof bits);
+    return bits;
+}
+
 static int envsamp__lm_is_finite(const double *values, int count)
 {
     int i;
 
     for (i = 0; i < count; ++i) {
-        if (!(ENVSAMP__FABS(values[i]) <= DBL_MAX)) return 0;
+        if ((envsamp__lm_bits(&values[i]) >> 52 & 0x7ff) == 0x7ff) return 0;
     }
     return 1;
 }
@@ -1388,7 +1458,7 @@ static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double 
     lm->evaluations++;
     lm->fn(point, residuals, lm->user);
     cost = envsamp__lm_dot(residuals, residuals, lm->m);
-    return cost <= DBL_MAX ? cost : -1.0;
+    return envsamp__lm_is_finite(&cost, 1) ? cost : -1.0;
 }
 
 /* Column j of J by a difference over about h. Its norm, or -1 where that is not finite. */
@@ -1405,7 +1475,7 @@ static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
     h = point[j] - lm->params[j];  /* what rounding left of it */
     for (i = 0; i < lm->m; ++i) column[i] = (column[i] - lm->residuals[i]) / h;
     norm2 = envsamp__lm_dot(column, column, lm->m);
-    return norm2 <= DBL_MAX ? ENVSAMP_SQRT(norm2) : -1.0;
+    return envsamp__lm_is_finite(&norm2, 1) ? ENVSAMP_SQRT(norm2) : -1.0;
 }
 
 /* The step in parameter j. sqrt(epsilon) of its size balances truncation against rounding; but a
@@ -1744,11 +1814,20 @@ static double envsamp__lm_tolerance(double asked)
     return 1e-12;
 }
 
+/* 0 or more, or infinite; no NaN. */
+static int envsamp__lm_is_tolerance(const double *asked)
+{
+    uint64_t bits = envsamp__lm_bits(asked);
+
+    return bits <= (uint64_t)0x7ff << 52 || bits == (uint64_t)1 << 63;
+}
+
 static int envsamp__lm_is_valid(const envsamp_lm_desc *desc)
 {
     return desc->param_count >= 1 && desc->param_count <= ENVSAMP__LM_MAX_PARAMS
         && desc->residual_count >= desc->param_count && desc->max_iterations >= 0
-        && desc->ftol >= 0.0 && desc->xtol >= 0.0 && desc->gtol >= 0.0;
+        && envsamp__lm_is_tolerance(&desc->ftol) && envsamp__lm_is_tolerance(&desc->xtol)
+        && envsamp__lm_is_tolerance(&desc->gtol);
 }
 
 ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
@@ -1874,8 +1953,8 @@ static size_t envsamp__mend_chunk(const float *pixel, int channels, int count, f
 
         bad += (size_t)envsamp__mend_pixel(pixel, channels, rgb);
         luminance[x] = channels == 1 ? rgb[0] : envsamp_luminance(rgb);
-        if (luminance[x] > FLT_MAX)
-            luminance[x] = FLT_MAX;     /* three channels of FLT_MAX may round up to infinity */
+        luminance[x] = envsamp__at_most(luminance[x], FLT_MAX);     /* of three channels of FLT_MAX
+                                                                       rounding makes infinity */
     }
     return bad;
 }
@@ -2226,8 +2305,10 @@ static void envsamp__end_line(const envsamp__source *source, int y, float *line)
     int width = source->image.width, across = source->image.height - 1 - y, fold;
 
     fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
-    line[0] = 0.5f * line[1] + 0.5f * (fold ? source->side[0][across] : line[width]);
-    line[width + 1] = 0.5f * line[width] + 0.5f * (fold ? source->side[1][across] : line[1]);
+    line[0] = envsamp__half(line[1])
+            + envsamp__half(fold ? source->side[0][across] : line[width]);
+    line[width + 1] = envsamp__half(line[width])
+                    + envsamp__half(fold ? source->side[1][across] : line[1]);
 }
 
 /* The line of knots at the upper or lower border, next to the line through row y. */
@@ -2241,13 +2322,14 @@ static void envsamp__border_line(const envsamp__source *source, int y, int outsi
         int wrapped_x = x, wrapped_y = outside;     /* is row y again */
 
         envsamp__wrap_texel(image->mapping, width, image->height, &wrapped_x, &wrapped_y);
-        line[x + 1] = 0.5f * inner[x + 1] + 0.5f * inner[wrapped_x + 1];
+        line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
     }
     if (image->mapping == ENVSAMP_OCTAHEDRAL)       /* all four corners are one point */
-        line[0] = line[width + 1] = 0.5f * line[1] + 0.25f * source->side[0][across]
-                                  + 0.25f * source->side[1][across];
+        line[0] = line[width + 1] = envsamp__half(line[1])
+                                  + envsamp__half(envsamp__half(source->side[0][across]))
+                                  + envsamp__half(envsamp__half(source->side[1][across]));
     else
-        line[0] = line[width + 1] = 0.5f * line[1] + 0.5f * line[width];
+        line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(line[width]);
 }
 
 /* ---- sums over cells ---- */
@@ -2679,7 +2761,7 @@ static float envsamp__edge_y(const envsamp__map *map, double y)
 {
     envsamp__polar p = envsamp__polar_edge(map, y);
 
-    return p.south ? -(float)p.cap : (float)p.cap;
+    return envsamp__with_sign((float)p.cap, p.south);
 }
 
 static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
@@ -4307,7 +4389,8 @@ static double envsamp__edges_sr(uint32_t mapping, const envsamp__edges *e)
 static uint32_t envsamp__table_link(const envsamp_kd *kd, uint32_t link, const uint32_t *place)
 {
     return link & ENVSAMP__LEAF
-         ? envsamp__words(kd, kd->pdf_at)[place[link & ~ENVSAMP__LEAF]] : ENVSAMP__INNER | link;
+         ? envsamp__float_bits(envsamp__floats(kd, kd->pdf_at)[place[link & ~ENVSAMP__LEAF]])
+         : ENVSAMP__INNER | link;
 }
 
 static void envsamp__write_nodes(const envsamp_kd *kd, const envsamp__tree *tree,
@@ -4495,7 +4578,7 @@ static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p, e
     *low = *high = *p;
     low->high[axis] = high->low[axis] = p->low[axis] + (uint32_t)units;
     place = (float)low->high[axis] / (float)(1u << (24 - bits));
-    warp->cut = axis ? -place : place;
+    warp->cut = envsamp__with_sign(place, axis);
     warp->edge = envsamp__stored_edge(w->tree->map, cut->at, axis);
     node->cut = envsamp__node_cut(w->kd->mapping, warp->edge, axis);
     *(axis ? &low->edges.y1 : &low->edges.x1) = warp->edge;
@@ -4655,8 +4738,7 @@ ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0,
                                      g + (double)(low / ENVSAMP__UNIT) * kd->fit_total);
     x = kd->fit_alpha * envsamp__exp2m1(g);
     x += low * kd->fit_step * (kd->fit_alpha + x);
-    x = x > 0.0f ? x : 0.0f;
-    x = x < kd->fit_end ? x : kd->fit_end;
+    x = envsamp__at_most(x > 0.0f ? x : 0.0f, kd->fit_end);
     x_whole = (int)x;
     choice.block = x_whole;
     choice.fx = envsamp__fit_position(kd, x - (float)x_whole, kd->fit_alpha + (float)x_whole);
@@ -4785,6 +4867,7 @@ ENVSAMP__HOT void envsamp__point_dir(envsamp__point p, float sine, float *x, flo
 ENVSAMP__HOT envsamp_sample envsamp__point_sample(uint32_t mapping, envsamp__point p, float pdf)
 {
     envsamp_sample s;
+    float sine;
 
     s.pdf = pdf;
     s.uv[0] = p.x = envsamp__clamp_unit(p.x);
@@ -4796,7 +4879,9 @@ ENVSAMP__HOT envsamp_sample envsamp__point_sample(uint32_t mapping, envsamp__poi
     s.uv[1] = envsamp__polar_fraction(p.north, p.south);
     if (mapping == ENVSAMP_HEMISPHERE)
         s.uv[1] = s.uv[1] < 0.5f ? s.uv[1] + s.uv[1] : 1.0f;
-    envsamp__point_dir(p, ENVSAMP_SQRTF(p.north * p.south), &s.dir[0], &s.dir[1], &s.dir[2]);
+    sine = p.north * p.south;
+    sine = sine > 0.0f ? sine : 0.0f;       /* below it by rounding with -ffast-math */
+    envsamp__point_dir(p, ENVSAMP_SQRTF(sine), &s.dir[0], &s.dir[1], &s.dir[2]);
     return s;
 }
 
@@ -4810,6 +4895,7 @@ ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *px, 
     for (i = 0; i < n; i++) {
         turn[i] = envsamp__clamp_unit(px[i]);
         sine[i] = north[i] * south[i];
+        sine[i] = sine[i] > 0.0f ? sine[i] : 0.0f;
     }
     if (mapping == ENVSAMP_OCTAHEDRAL) {
         for (i = 0; i < n; i++)
@@ -4833,6 +4919,20 @@ ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *px, 
    |(x, y)|. Of an octahedral map, 4 u and 2 v. */
 typedef struct envsamp__diamond { float azimuth, polar; int valid; } envsamp__diamond;
 
+/* Whether a vector is a direction: r + |z| is above zero and finite. So is then |x| + |y|, but with
+   -ffast-math r, a root by estimates, may be 0 for a NaN. */
+ENVSAMP__HOT int envsamp__is_direction(float side, float sum)
+{
+#ifdef ENVSAMP__FINITE_ONLY
+    int is_finite = envsamp__float_bits(side) < 0x7f800000u;
+
+    return is_finite & (envsamp__float_bits(sum) - 1 < 0x7f7fffffu);
+#else
+    (void)side;
+    return sum > 0.0f && sum <= FLT_MAX;
+#endif
+}
+
 ENVSAMP__HOT envsamp__diamond envsamp__to_diamond(float x, float y, float z, float r)
 {
     float side = ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum = r + ENVSAMP_FABSF(z), t, q;
@@ -4841,7 +4941,7 @@ ENVSAMP__HOT envsamp__diamond envsamp__to_diamond(float x, float y, float z, flo
     /* with t = |y|/(|x|+|y|): t for x above 0, 2 - t for x below, and 4 less that for y below 0 */
     t = side > 0.0f ? ENVSAMP_FABSF(y) / side : 0.0f;
     t = 2.0f - ENVSAMP_COPYSIGNF(1.0f + ENVSAMP_COPYSIGNF(1.0f, x) - ENVSAMP_COPYSIGNF(t, x), y);
-    d.valid = sum > 0.0f && sum <= FLT_MAX;
+    d.valid = envsamp__is_direction(side, sum);
     q = 1.0f - ENVSAMP_COPYSIGNF(1.0f - r / (d.valid ? sum : 1.0f), z);
     d.azimuth = d.valid && side > 0.0f ? t : 0.0f;      /* at a pole whatever the signs of zeros */
     d.polar = d.valid ? q : 0.0f;
@@ -4852,7 +4952,7 @@ ENVSAMP__HOT envsamp__diamond envsamp__octahedral_place(float x, float y, float 
 {
     envsamp__diamond d;
 
-    d.valid = r + ENVSAMP_FABSF(z) > 0.0f && r + ENVSAMP_FABSF(z) <= FLT_MAX;
+    d.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), r + ENVSAMP_FABSF(z));
     envsamp__octahedral_uv(d.valid ? x + 0.0f : 0.0f, d.valid ? y + 0.0f : 0.0f, d.valid ? z : 1.0f,
                            d.valid ? r : 0.0f, &d.azimuth, &d.polar);
     d.azimuth *= 4.0f;
@@ -4877,12 +4977,11 @@ ENVSAMP__HOT envsamp__diamond envsamp__place(uint32_t mapping, float polar_end, 
 /* The link of the grid at a place. */
 ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__diamond d)
 {
-    int columns = 1 << kd->grid_bits_x, rows = 1 << kd->grid_bits_y;
-    int column = (int)(d.azimuth * kd->grid_scale_x), row = (int)(d.polar * kd->grid_scale_y);
+    uint32_t column = envsamp__index(d.azimuth * kd->grid_scale_x, 1u << kd->grid_bits_x);
+    uint32_t row = envsamp__index(d.polar * kd->grid_scale_y, 1u << kd->grid_bits_y);
+    int cell = (int)((row << kd->grid_bits_x) + column);
 
-    column = column < columns ? column : columns - 1;
-    row = row < rows ? row : rows - 1;
-    return envsamp__words(kd, kd->grid_at)[row * columns + column] & (0u - (uint32_t)d.valid);
+    return envsamp__words(kd, kd->grid_at)[cell] & (0u - (uint32_t)d.valid);
 }
 
 ENVSAMP__HOT uint64_t envsamp__place_bits(envsamp__diamond d)
@@ -5121,7 +5220,8 @@ static void envsamp__write_listed(envsamp_kd_job *job)
                              (uint32_t *)(void *)(base + kd->alias_at), job->stack);
     envsamp__write_nodes(kd, &job->tree, job->place,
                          (envsamp__node *)(void *)(base + kd->nodes_at));
-    job->writer.root = kd->block_count > 1 ? ENVSAMP__INNER : *envsamp__words(kd, kd->pdf_at);
+    job->writer.root = kd->block_count > 1 ? ENVSAMP__INNER
+                     : envsamp__float_bits(*envsamp__floats(kd, kd->pdf_at));
 }
 
 /* WARP: one more tile. Where the unit square had no room for some cuts, all tiles once more, with
@@ -5422,7 +5522,7 @@ static int envsamp__kd_header_valid(const envsamp_kd *kd, size_t bytes)
         || kd->block_count >> (kd->tile_bits_x + kd->tile_bits_y) < 1
         || kd->model > ENVSAMP_KD_POWER || kd->criterion > ENVSAMP_KD_RANGE
         || kd->mapping > ENVSAMP_OCTAHEDRAL || kd->bilinear > 1
-        || !(kd->mis_compensation >= 0.0f && kd->mis_compensation <= 1.0f)
+        || !envsamp__in_range(kd->mis_compensation, 0.0f, 1.0f)
         || kd->width < 1 || kd->width > 65535 || kd->height < 1 || kd->height > 65535
         || kd->block_count < 1 || kd->block_count > 1048576
         || kd->drawn_count < 1 || kd->drawn_count > kd->block_count)
@@ -5437,7 +5537,9 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
 {
     double total;
 
-    if (!(kd->alpha > 1e-9 && kd->alpha < 1025.0 * (double)kd->drawn_count
+    if (!envsamp__lm_is_finite(&kd->alpha, 1) || !envsamp__lm_is_finite(&kd->beta, 1)
+        || !envsamp__lm_is_finite(&kd->fit_total, 1)
+        || !(kd->alpha > 1e-9 && kd->alpha < 1025.0 * (double)kd->drawn_count
           && kd->beta >= ENVSAMP__BETA_MIN && kd->beta <= ENVSAMP__BETA_MAX
           && (kd->model == ENVSAMP_KD_POWER || kd->beta == 1.0)))
         return 0;
@@ -5449,8 +5551,9 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
 static int envsamp__edges_valid(uint32_t mapping, const envsamp__edges *e)
 {
     return (mapping == ENVSAMP_LATLONG || !(envsamp__sign(e->y0) | envsamp__sign(e->y1)))
-        && e->x0 >= 0.0f && e->x0 < e->x1 && e->x1 <= 1.0f
-        && ENVSAMP_FABSF(e->y0) <= 1.0f && ENVSAMP_FABSF(e->y1) <= 1.0f
+        && envsamp__in_range(e->x0, 0.0f, 1.0f) && envsamp__in_range(e->x1, 0.0f, 1.0f)
+        && e->x0 < e->x1
+        && envsamp__in_range(e->y0, -1.0f, 1.0f) && envsamp__in_range(e->y1, -1.0f, 1.0f)
         && envsamp__edge_key(e->y0) < envsamp__edge_key(e->y1);
 }
 
@@ -5464,7 +5567,7 @@ static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
         envsamp__edges edges;
 
         ENVSAMP_MEMCPY(&edges, edge + 4 * i, sizeof edges);
-        if (!envsamp__edges_valid(kd->mapping, &edges) || !(pdf[i] >= 0.0f && pdf[i] <= FLT_MAX))
+        if (!envsamp__edges_valid(kd->mapping, &edges) || !envsamp__in_range(pdf[i], 0.0f, FLT_MAX))
             return 0;
     }
     return 1;
@@ -5544,7 +5647,8 @@ static uint32_t envsamp__tile_valid(const envsamp_kd *kd, uint32_t link, envsamp
         axis = envsamp__sign(warp->cut);
         cut = ENVSAMP_FABSF(warp->cut);
         units = cut * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-        if (top > ENVSAMP__WARP_DEPTH || !(cut >= high->low[axis] && cut <= high->high[axis])
+        if (top > ENVSAMP__WARP_DEPTH
+            || !envsamp__in_range(cut, high->low[axis], high->high[axis])
             || (float)(int)units != units)
             return UINT32_MAX;
         *low = *high;
@@ -5675,7 +5779,7 @@ ENVSAMP__MATH float envsamp__invert_between(uint32_t tile, uint32_t bits, float 
 
     f = f > 0.0 ? (f < 1.0 ? f : 1.0) : 0.0;
     u = (float)((place + (double)low + f * ((double)high - (double)low)) * scale);
-    return u < end ? u : envsamp__bits_float(envsamp__float_bits(end) - 1);
+    return envsamp__at_most(u, envsamp__bits_float(envsamp__float_bits(end) - 1));
 }
 
 /* Azimuth of (x, y) in turns, [0, 1], within 1e-12: a float and one step of Newton's. It stays on
@@ -5735,7 +5839,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     if (kd->select != ENVSAMP_KD_WARP || !d.valid)
         return 0;
     e = envsamp__exact_place(kd->mapping, dir);
-    polar = e.south ? -(float)e.cap : (float)e.cap;
+    polar = envsamp__with_sign((float)e.cap, e.south);
     tile = envsamp__tile_at(kd, d.azimuth, d.polar);
     ENVSAMP_MEMCPY(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
     link = envsamp__words(kd, kd->roots_at)[tile];
@@ -5876,7 +5980,8 @@ ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
     for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
         envsamp__sample_batch(kd, ENVSAMP__BATCH, u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
-    envsamp__sample_batch(kd, (int)(n - i), u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
+    if (i < n)
+        envsamp__sample_batch(kd, (int)(n - i), u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
 }
 
 ENVSAMP__HOT void envsamp__pdf_batch(const envsamp_kd *kd, int n, const float *x, const float *y,
@@ -5927,7 +6032,8 @@ ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
     for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
         envsamp__pdf_batch(kd, ENVSAMP__BATCH, x + i, y + i, z + i, pdf + i);
-    envsamp__pdf_batch(kd, (int)(n - i), x + i, y + i, z + i, pdf + i);
+    if (i < n)
+        envsamp__pdf_batch(kd, (int)(n - i), x + i, y + i, z + i, pdf + i);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_info *info)
@@ -6153,7 +6259,7 @@ ENVSAMP__HOT const uint16_t *envsamp__cdf_guide(const envsamp_cdf *cdf, uint32_t
 /* The upper edge of a row as a kd table has it. */
 ENVSAMP__MATH float envsamp__cdf_row_edge(const envsamp__cdf_row *row)
 {
-    return row->north <= row->south ? row->north : -row->south;
+    return row->north <= row->south ? row->north : envsamp__with_sign(row->south, 1);
 }
 
 static uint64_t envsamp__place_wide(uint64_t *end, uint64_t count, uint32_t size)
@@ -6622,7 +6728,7 @@ static int envsamp__cdf_header_valid(const envsamp_cdf *cdf, size_t bytes)
     if (bytes < sizeof *cdf || cdf->magic != ENVSAMP__CDF_MAGIC
         || cdf->version != ENVSAMP__CDF_VERSION || cdf->bytes > bytes
         || cdf->mapping > ENVSAMP_OCTAHEDRAL || cdf->bilinear > 1
-        || !(cdf->mis_compensation >= 0.0f && cdf->mis_compensation <= 1.0f)
+        || !envsamp__in_range(cdf->mis_compensation, 0.0f, 1.0f)
         || cdf->image_width < 1 || cdf->image_width > 65535
         || cdf->image_height < 1 || cdf->image_height > 65535)
         return 0;
@@ -6663,7 +6769,7 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
         float edge = envsamp__cdf_row_edge(rows + y);
         envsamp__row sides = envsamp__edge_row(edge);
 
-        if (!(ENVSAMP_FABSF(edge) <= 1.0f && rows[y].polar >= 0.0f)
+        if (!envsamp__in_range(edge, -1.0f, 1.0f) || !envsamp__in_range(rows[y].polar, 0.0f, 2.0f)
             || (cdf->mapping != ENVSAMP_LATLONG && envsamp__sign(edge))
             || envsamp__float_bits(sides.north) != envsamp__float_bits(rows[y].north)
             || envsamp__float_bits(sides.south) != envsamp__float_bits(rows[y].south))
@@ -6680,6 +6786,7 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
         off = (double)rows[y].density - density;
         if (envsamp__edge_key(row.y0) >= envsamp__edge_key(row.y1)
             || !(rows[y].polar < rows[y + 1].polar)
+            || !envsamp__in_range(rows[y].density, 0.0f, FLT_MAX)
             || !(ENVSAMP__FABS(off) <= 0.01 * density))     /* edges of low rows are rounded */
             return 0;
     }
@@ -6869,17 +6976,15 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
 {
     envsamp__diamond d = envsamp__place(cdf->mapping, cdf->polar_end, x, y, z, r);
     const envsamp__cdf_row *rows = envsamp__cdf_rows(cdf);
-    uint32_t cell = (uint32_t)(int)(d.polar * cdf->polar_scale);
+    uint32_t cell = envsamp__index(d.polar * cdf->polar_scale, 1u << cdf->polar_bits);
     float turn = cdf->mapping == ENVSAMP_OCTAHEDRAL ? 0.25f * d.azimuth
                : envsamp__turn(d.valid ? y : 0.0f, d.valid ? x : 0.0f);
     envsamp__cdf_place at;
 
-    cell = cell < 1u << cdf->polar_bits ? cell : (1u << cdf->polar_bits) - 1;
     at.row = envsamp__cdf_halves(cdf, cdf->polar_guide_at)[cell];
     while (at.row + 1 < cdf->height && d.polar >= rows[at.row + 1].polar)
         at.row++;
-    at.column = (uint32_t)(int)(turn * (float)(int)cdf->image_width + cdf->offset);
-    at.column = at.column < cdf->width ? at.column : cdf->width - 1;
+    at.column = envsamp__index(turn * (float)(int)cdf->image_width + cdf->offset, cdf->width);
     at.valid = d.valid;
     return at;
 }
@@ -10061,7 +10166,7 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
         double first = envsamp__random(seed, 2 * (uint32_t)i + 1) * (double)set_count;
         uint32_t place = ((uint32_t)set + (uint32_t)first) % (uint32_t)set_count;
 
-        cone = cone < 1.0f ? cone : 1.0f;       /* a NaN: no cone */
+        cone = envsamp__in_range(cone, -FLT_MAX, 1.0f) ? cone : 1.0f;       /* a NaN: no cone */
         cone = cone > -1.0f ? cone : -1.0f;
         angle = (double)envsamp__polar_fraction(1.0f - cone, 1.0f + cone) * (double)extent;
         angle *= ENVSAMP_SQRT(((double)place + 0.5) / (double)set_count);
