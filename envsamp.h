@@ -230,7 +230,7 @@ typedef enum envsamp_result {
     ENVSAMP_ERR_VALUE,   /* strict: a pixel is NaN, infinite or negative */
     ENVSAMP_ERR_BLACK,   /* the total importance is zero: nothing to sample */
     ENVSAMP_ERR_MEMORY,  /* a buffer is smaller than _sizes said */
-    ENVSAMP_ERR_ALIGN,   /* a buffer is not aligned to ENVSAMP_ALIGN */
+    ENVSAMP_ERR_ALIGN,   /* a buffer is not aligned to ENVSAMP_ALIGN, or floats not to 4 bytes */
     ENVSAMP_ERR_FORMAT   /* the bytes are not a valid table of this kind */
 } envsamp_result;
 
@@ -247,17 +247,18 @@ typedef enum envsamp_mapping {
 /* A map, read during a build only. A NaN or infinite channel makes its pixel black, a negative
    channel counts as 0; each such pixel is counted. */
 typedef struct envsamp_image {
-    const float *pixels;      /* linear radiance, row 0 first */
+    const float *pixels;      /* linear radiance, row 0 first; at a multiple of 4 bytes */
     int width, height;        /* 1..65535 each */
     int channels;             /* 1 luminance, 3 RGB, 4 RGB and one ignored */
     size_t row_stride_bytes;  /* 0: rows are packed; otherwise a multiple of 4, a row or more */
     envsamp_mapping mapping;
 } envsamp_image;
 
-/* Fills row y of an image, as `pixels` would hold it: width times channels floats. For maps that
-   are not floats in memory: half, RGBE, tiled, procedural, out of core. Returns ENVSAMP_OK, or with
-   what the build shall fail. Rows are asked for from 0 on, each once; twice, one pass after the
-   other, with MIS compensation, and for an octahedral map that is looked up bilinearly. */
+/* Fills row y of an image, as `pixels` would hold it: width times channels floats, in memory of the
+   build, which is aligned. For maps that are not aligned floats in memory: half, RGBE, tiled,
+   procedural, out of core. Returns ENVSAMP_OK, or with what the build shall fail. Rows are asked
+   for from 0 on, each once; twice, one pass after the other, with MIS compensation, and for an
+   octahedral map that is looked up bilinearly. */
 typedef envsamp_result (*envsamp_row_fn)(int y, float *row, void *user);
 
 typedef struct envsamp_buffer { void *data; size_t bytes; } envsamp_buffer;
@@ -343,7 +344,7 @@ ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void);
    sizes, not its pixels, which may be NULL here. The table may turn out smaller:
    envsamp_kd_bytes. Scratch holds the luminance of the map as floats, a pyramid over it, and the
    blocks: 5 bytes a texel, 200 a block, FIT 40 more, 100 a row, and 14 KB.
-   Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
+   Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_sizes *sizes);
 
@@ -469,7 +470,7 @@ ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void);
 /* How large the two buffers of a build must be, exactly. `desc` NULL: the defaults. Needs the
    image's sizes, not its pixels, which may be NULL here. The table is 4.5 to 5 bytes a texel,
    4.5 at a width of 2^k, and some 45 a row; scratch is 40 bytes a column, 80 a row, and 4 KB.
-   Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
+   Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
                                              const envsamp_cdf_desc *desc, envsamp_sizes *sizes);
 
@@ -677,7 +678,7 @@ ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
    7 KB a light, no more than 4 MB of these, 140 bytes a light, and as HALFTONE. Both 16 bytes a
    column and 24 a row. DECOMPOSED: as cuts and RELAXED, 2 MB and 5 bytes a texel. table_bytes is 0.
    `desc` NULL: the defaults. Needs the image's sizes, not its pixels.
-   Returns ENVSAMP_ERR_NULL, _SIZE or _PARAM, and then zero sizes. */
+   Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
                                                 const envsamp_lights_desc *desc,
                                                 envsamp_sizes *sizes);
@@ -1166,7 +1167,7 @@ ENVSAMP_DEF const char *envsamp_result_string(envsamp_result result)
     case ENVSAMP_ERR_VALUE: return "a pixel is NaN, infinite or negative";
     case ENVSAMP_ERR_BLACK: return "the total importance is zero: nothing to sample";
     case ENVSAMP_ERR_MEMORY: return "a buffer is too small";
-    case ENVSAMP_ERR_ALIGN: return "a buffer is not aligned";
+    case ENVSAMP_ERR_ALIGN: return "a buffer, pixels or a row stride is not aligned";
     case ENVSAMP_ERR_FORMAT: return "not a valid table of this kind";
     }
     return "unknown result";
@@ -1268,10 +1269,19 @@ static envsamp_result envsamp__image_check(const envsamp_image *image)
         || (image->channels != 1 && image->channels != 3 && image->channels != 4))
         return ENVSAMP_ERR_SIZE;
     stride = envsamp__row_stride(image);
-    if (stride % 4 || stride / 4 / (size_t)image->channels < (size_t)image->width
+    if (stride / 4 / (size_t)image->channels < (size_t)image->width
         || stride > SIZE_MAX / (size_t)image->height)
         return ENVSAMP_ERR_SIZE;
+    if (stride % 4)
+        return ENVSAMP_ERR_ALIGN;
     return (uint32_t)image->mapping <= ENVSAMP_OCTAHEDRAL ? ENVSAMP_OK : ENVSAMP_ERR_PARAM;
+}
+
+static envsamp_result envsamp__floats_check(const float *floats)
+{
+    if (!floats)
+        return ENVSAMP_ERR_NULL;
+    return (uintptr_t)floats % 4 ? ENVSAMP_ERR_ALIGN : ENVSAMP_OK;
 }
 
 /* A pixel as importance sees it: black for NaN or infinite channels, negative ones 0. Returns
@@ -1332,7 +1342,7 @@ ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const f
     float uv[2], fx, fy;
     int x, y;
 
-    ENVSAMP_ASSERT(image && dir && rgb);
+    ENVSAMP_ASSERT(image && dir && rgb && envsamp__floats_check(image->pixels) == ENVSAMP_OK);
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
     if (image->mapping == ENVSAMP_HEMISPHERE && dir[2] < 0.0f)
         return;
@@ -5353,8 +5363,8 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
         return ENVSAMP_ERR_NULL;
     *job = NULL;
     result = envsamp_kd_sizes(image, &filled, &sizes);
-    if (result == ENVSAMP_OK && !image->pixels && !fn)
-        result = ENVSAMP_ERR_NULL;
+    if (result == ENVSAMP_OK && !fn)
+        result = envsamp__floats_check(image->pixels);
     if (result == ENVSAMP_OK)
         result = envsamp__buffers_check(&sizes, table, scratch);
     if (result != ENVSAMP_OK)
@@ -6641,8 +6651,8 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
     *job = NULL;
     desc = desc ? desc : &defaults;
     result = envsamp_cdf_sizes(image, desc, &sizes);
-    if (result == ENVSAMP_OK && !image->pixels && !fn)
-        result = ENVSAMP_ERR_NULL;
+    if (result == ENVSAMP_OK && !fn)
+        result = envsamp__floats_check(image->pixels);
     if (result == ENVSAMP_OK)
         result = envsamp__buffers_check(&sizes, table, scratch);
     if (result != ENVSAMP_OK)
@@ -7780,9 +7790,11 @@ static envsamp_result envsamp__halftone_check(const envsamp__grain *grain,
     result = envsamp_halftone_sizes(grain->width, grain->height, desc, &sizes);
     if (result != ENVSAMP_OK)
         return result;
-    if (grain->stride % sizeof(float) || grain->stride / sizeof(float) < (size_t)grain->width
+    if (grain->stride / sizeof(float) < (size_t)grain->width
         || grain->stride > SIZE_MAX / (size_t)grain->height)
         return ENVSAMP_ERR_SIZE;
+    if (grain->stride % sizeof(float) || (uintptr_t)grain->pixels % sizeof(float))
+        return ENVSAMP_ERR_ALIGN;
     return capacity < desc->count ? ENVSAMP_ERR_MEMORY
                                   : envsamp__buffers_check(&sizes, scratch, scratch);
 }
@@ -10065,8 +10077,8 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
 
     desc = &filled;
     result = envsamp_lights_sizes(image, desc, &sizes);
-    if (result == ENVSAMP_OK && (!image->pixels || !lights))
-        result = ENVSAMP_ERR_NULL;
+    if (result == ENVSAMP_OK)
+        result = lights ? envsamp__floats_check(image->pixels) : ENVSAMP_ERR_NULL;
     if (result == ENVSAMP_OK)
         result = capacity < desc->count ? ENVSAMP_ERR_MEMORY
                                         : envsamp__buffers_check(&sizes, scratch, scratch);
@@ -10105,6 +10117,8 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     result = envsamp__image_check(image);
     if (result == ENVSAMP_OK && !envsamp__emission_good(desc))
         result = ENVSAMP_ERR_PARAM;
+    if (result == ENVSAMP_OK)
+        result = envsamp__floats_check(image->pixels);
     if (result != ENVSAMP_OK)
         return result;
     envsamp__image_grain(image, &grain, &arena);
