@@ -1507,7 +1507,7 @@ static void test_descriptions(stage *s)
 static void test_sizes(stage *s)
 {
     static const int bad[] = { 0, -1, 65536, INT_MIN, INT_MAX };
-    static const size_t strides[] = { 402, 401, 396, 4, SIZE_MAX, SIZE_MAX - 3, SIZE_MAX / 2 - 3 };
+    static const size_t strides[] = { 399, 396, 4, SIZE_MAX, SIZE_MAX - 3, SIZE_MAX / 2 - 3 };
     envsamp_sizes sizes;
     int i, good = 1;
 
@@ -1527,7 +1527,14 @@ static void test_sizes(stage *s)
         good &= refused(s, ENVSAMP_ERR_SIZE);
     }
     s->fine.stride = s->spoilt.stride = 400;
-    CHECK(good && accepted(s), "strides that are no whole floats, less than a row, or too many");
+    CHECK(good && accepted(s), "strides that are less than a row, or too many");
+    for (i = 1; i < 4; i++) {
+        s->spoilt.stride = 400 + (size_t)i;
+        good &= refused(s, ENVSAMP_ERR_ALIGN);
+        s->spoilt.importance = (const float *)((uintptr_t)s->c.value + (uintptr_t)i);
+        good &= refused(s, ENVSAMP_ERR_ALIGN);
+    }
+    CHECK(good && accepted(s), "strides and importance at no multiple of 4");
 }
 
 static void test_memory(stage *s)

@@ -1302,7 +1302,7 @@ static void test_images(const method *by)
         { 6, -7, 3, 0, 0, ENVSAMP_ERR_SIZE }, { 6, 65536, 3, 0, 0, ENVSAMP_ERR_SIZE },
         { 6, 3, 2, 0, 0, ENVSAMP_ERR_SIZE }, { 6, 3, 0, 0, 0, ENVSAMP_ERR_SIZE },
         { 6, 3, 5, 0, 0, ENVSAMP_ERR_SIZE }, { 6, 3, -3, 0, 0, ENVSAMP_ERR_SIZE },
-        { 6, 3, 3, 68, 0, ENVSAMP_ERR_SIZE }, { 6, 3, 3, 74, 0, ENVSAMP_ERR_SIZE },
+        { 6, 3, 3, 68, 0, ENVSAMP_ERR_SIZE }, { 6, 3, 3, 74, 0, ENVSAMP_ERR_ALIGN },
         { 6, 3, 3, SIZE_MAX / 4 * 4, 0, ENVSAMP_ERR_SIZE }, { 6, 3, 3, 0, 3, ENVSAMP_ERR_PARAM },
         { 6, 3, 3, 0, -1, ENVSAMP_ERR_PARAM }, { 6, 3, 3, 72, 0, ENVSAMP_OK },
         { 5, 2, 3, 72, 2, ENVSAMP_OK }, { 6, 3, 1, 0, 1, ENVSAMP_OK }
@@ -1324,6 +1324,18 @@ static void test_images(const method *by)
     }
     CHECK(right == count, "%s: %d of %d images are refused or taken rightly", by->name, right,
           count);
+    for (i = 1, right = 0; i < 4; i++) {
+        envsamp_image view = c.view;
+        envsamp_light lights[4];
+        kd_guarded scratch = kd_guarded_make(1 << 20, RUBBISH);
+
+        view.pixels = (const float *)((uintptr_t)c.view.pixels + (uintptr_t)i);
+        right += envsamp_lights(&view, &desc, lights, 4, scratch.buffer, NULL)
+              == ENVSAMP_ERR_ALIGN && kd_guarded_intact(&scratch);
+        free(scratch.block);
+    }
+    CHECK(right == 3, "%s: pixels beside a multiple of 4 are refused %d of 3 times", by->name,
+          right);
     free(c.pixels);
 }
 

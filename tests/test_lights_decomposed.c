@@ -1300,6 +1300,18 @@ static void test_mask_memory(void)
     }
     CHECK(right == ENVSAMP_ALIGN - 1 && kd_guarded_intact(&scratch), "a mask in scratch that is "
           "not aligned: %d of 7 refused", right);
+    for (i = 1, right = 0; i < 4; i++) {
+        envsamp_image view = c.view;
+
+        view.pixels = (const float *)((uintptr_t)c.view.pixels + (uintptr_t)i);
+        right += envsamp_emissive_mask(&view, &desc, masks[0], scratch.buffer, NULL)
+              == ENVSAMP_ERR_ALIGN;
+        view.pixels = c.view.pixels;
+        view.row_stride_bytes = (size_t)(view.width * view.channels * 4 + i);
+        right += envsamp_emissive_mask(&view, &desc, masks[0], scratch.buffer, NULL)
+              == ENVSAMP_ERR_ALIGN;
+    }
+    CHECK(right == 6, "pixels and strides beside a multiple of 4: %d of 6 refused", right);
     free(scratch.block);
     free(c.pixels);
 }

@@ -614,10 +614,11 @@ static void test_bad_sizes(int kind)
 {
     const int sides[] = { 0, -1, 65536, INT_MAX, INT_MIN }, channels[] = { 0, 2, 5, -1, INT_MAX };
     const size_t most = (size_t)-1;
-    const size_t strides[] = { 16 * 12 - 4, 4, 1, 3, 16 * 12 + 1, 16 * 12 + 2, 16 * 12 + 3, most,
-                               most / 4 * 4, most / 8 / 4 * 4 + 4, most / 16 * 4, most / 2 + 1 };
+    const size_t strides[] = { 16 * 12 - 4, 4, 1, 3, most, most / 4 * 4, most / 8 / 4 * 4 + 4,
+                               most / 16 * 4, most / 2 + 1 };
     const char *name = sampler_names[kind];
     sampler_request r;
+    sampler s;
     int i;
 
     for (i = 0; i < 5; i++) {
@@ -636,6 +637,17 @@ static void test_bad_sizes(int kind)
         r.image.row_stride_bytes = strides[i];
         CHECK(refused(&r, ENVSAMP_ERR_SIZE), "%s: stride %lu of rows of %d bytes", name,
               (unsigned long)strides[i], 16 * 12);
+    }
+    for (i = 1; i < 4; i++) {
+        r = good_request(kind);
+        r.image.row_stride_bytes = 16 * 12 + (size_t)i;
+        CHECK(refused(&r, ENVSAMP_ERR_ALIGN), "%s: stride %d", name, 16 * 12 + i);
+        r = good_request(kind);
+        r.image.pixels = (const float *)((uintptr_t)some_pixels + (uintptr_t)i);
+        sampler_make(&s, &r);
+        CHECK(s.result == ENVSAMP_ERR_ALIGN && !sampler_opens(&s) && sampler_intact(&s),
+              "%s: pixels %d bytes after a multiple of 4", name, i);
+        sampler_free(&s);
     }
 }
 
