@@ -119,6 +119,8 @@
  * - A build validates everything that it is given and returns a named result. One that fails leaves
  *   the table buffer as it was, or as nothing that passes _open.
  * - Sampling is safe for any float, NaN included, and gives a finite direction, 1 long within 1e-6.
+ *   So it is with -ffast-math, and descriptions, pixels and tables are checked as without. But then
+ *   _n differs from one at a time in the last digits, and in the block of what lies at an edge.
  * - Sums over a map are doubles that only add positive numbers. Blocks of WARP have edges at whole
  *   multiples of 2^-24 in the unit square, blocks of ALIAS such probabilities: what 24-bit numbers
  *   draw is exactly what is claimed. pdf is the density that is really sampled.
@@ -414,9 +416,9 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
                                                  float u[2]);
 
-/* n samples, or densities, at once; the same bits as one at a time, in a half to a third of the
-   time. Outputs may be the inputs where they have the same type and index, else must not
-   overlap. n: SIZE_MAX / 8 at most, which is asserted. */
+/* n samples, or densities, at once; the same bits as one at a time, but for -ffast-math, in a half
+   to a third of the time. Outputs may be the inputs where they have the same type and index, else
+   must not overlap. n: SIZE_MAX / 8 at most, which is asserted. */
 ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
                                      const float *u1, float *x, float *y, float *z, float *pdf);
 ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
@@ -526,9 +528,9 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_cdf_pdf(const envsamp_cdf *cdf, const f
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const float dir[3],
                                                   float u[2]);
 
-/* n samples, or densities, at once; the same bits as one at a time, and of a large map two to five
-   times as fast, as waits for memory overlap. Outputs may be the inputs where they have the same
-   type and index, else must not overlap. */
+/* n samples, or densities, at once; the same bits as one at a time, but for -ffast-math, and of a
+   large map two to five times as fast, as waits for memory overlap. Outputs may be the inputs where
+   they have the same type and index, else must not overlap. */
 ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
                                       const float *u1, float *x, float *y, float *z, float *pdf);
 ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float *x,
@@ -1032,8 +1034,8 @@ ENVSAMP__MATH float envsamp__turn(float y, float x)
     return y < 0.0f ? 1.0f - turn : turn;
 }
 
-/* Polar angle over pi, [0, 1], within 1e-7, from 1 - cos and 1 + cos of it, which rounding may bring
-   below 0 with -ffast-math. The arc cosine over the square root of the smaller one is a polynomial
+/* Polar angle over pi, [0, 1], within 1e-7, from 1 - cos and 1 + cos of it, with -ffast-math also
+   from one rounded below 0. The arc cosine over the square root of the smaller one is a polynomial
    in it. */
 ENVSAMP__HOT float envsamp__polar_fraction(float north, float south)
 {
