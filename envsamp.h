@@ -4902,15 +4902,15 @@ ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *px, 
     float turn[ENVSAMP__BATCH], sine[ENVSAMP__BATCH];
     int i;
 
-    for (i = 0; i < n; i++) {
+    for (i = 0; i < n; i++)
         turn[i] = envsamp__clamp_unit(px[i]);
-        sine[i] = ENVSAMP_FABSF(north[i] * south[i]);
-    }
     if (mapping == ENVSAMP_OCTAHEDRAL) {
         for (i = 0; i < n; i++)
             envsamp__octahedral_dir(turn[i], north[i], &x[i], &y[i], &z[i]);
         return;
     }
+    for (i = 0; i < n; i++)
+        sine[i] = ENVSAMP_FABSF(north[i] * south[i]);   /* below 0 by rounding with -ffast-math */
     envsamp__sqrt_n(sine, n);
     for (i = 0; i < n; i++) {
         envsamp__point p;
