@@ -2293,15 +2293,15 @@ static void envsamp__survey_end(envsamp__source *source, const envsamp__map *map
 {
     double polar = map->mapping == ENVSAMP_LATLONG ? 2.0 : 1.0;
     double whole = polar * envsamp__unit_sr((uint32_t)map->mapping);
-    double dim = (double)source->compensation * source->integral / whole;
+    float dim = (float)((double)source->compensation * source->integral / whole);
     int y, side;
 
     source->bad_pixel_count = 0;
-    if (!(source->compensation > 0.0f && (double)source->brightest > 1.0001 * dim)) {
+    if (!(source->compensation > 0.0f && (double)source->brightest > 1.0001 * (double)dim)) {
         source->compensation = 0.0f;
         return;
     }
-    source->dim = (float)dim;
+    source->dim = dim;
     for (side = 0; side < 2; side++)
         for (y = 0; y < map->image_height && source->bilinear
                     && map->mapping == ENVSAMP_OCTAHEDRAL; y++) {
