@@ -24,7 +24,6 @@ TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard examples/common/*.h tests/*.h bench/*.h)
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
-TEST_AID := tests/envsamp.c tests/inside.c tests/statistics.c
 SCRIPTS  := $(wildcard tests/test_*.sh)
 JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 
@@ -33,8 +32,8 @@ OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o maps.o picture.o)
 EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr.o)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
-.PHONY: help demo lights product test bench scale fuzz mutants figures convergence halftone scene portability \
-        portability-setup data setup clean
+.PHONY: help demo lights product test bench scale fuzz corpus mutants figures convergence halftone \
+        scene portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -67,9 +66,14 @@ bench: $(BUILD)/bench $(BUILD)/bench_batch  ## time it against other samplers; M
 scale: $(BUILD)/scale  ## large maps by row callback, and builds in steps
 	$(BUILD)/scale $(MAP)
 
-# A million tables of each of four kinds take about an hour.
-fuzz: $(BUILD)/fuzz_kd_table  ## open and sample damaged tables under sanitizers; TABLES=1000000
-	$(BUILD)/fuzz_kd_table $(BUILD)/fuzz.bin $(or $(TABLES),20000)
+# SECONDS is for each of the targets build, steps, open, lights, halftone and lm, of which two run
+# at a time; TARGETS="open lm": only these. It needs clang with libFuzzer.
+fuzz:  ## builds, damaged tables, lights, halftones under libFuzzer; SECONDS=60 for each of 6
+	sh tests/fuzz.sh $(or $(SECONDS),60) $(TARGETS)
+
+corpus: $(BUILD)/test_fuzz  ## write tests/corpus again, from fixed seeds
+	mkdir -p $(addprefix tests/corpus/, build steps open lights halftone lm)
+	$(BUILD)/test_fuzz corpus tests/corpus
 
 # See tests/mutants.pl. Half an hour; FAULTS="1x1 alias": only those of the list with one of these
 # words, some minutes. SECTIONS="cdf lm": those drawn are of these sections.
@@ -177,10 +181,7 @@ $(BUILD)/light_sets: bench/light_sets.c $(COMMON) $(HEADERS) | $(BUILD)
 $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/figures.c tests/inside.c $(COMMON) -lm -o $@
 
-$(BUILD)/fuzz_kd_table: tests/test_kd_table.c $(TEST_AID) $(COMMON) examples/common/exr.c $(HEADERS) \
-                        | $(BUILD)
-	$(COMPILE) -g -fsanitize=address,undefined -fno-sanitize-recover $(EXR_CFLAGS) $< $(TEST_AID) \
-	    $(COMMON) examples/common/exr.c $(EXR_LIBS) -lm -o $@
+$(BUILD)/test_fuzz.o: tests/fuzz.c
 
 # It counts calls of functions, in a copy of the library that is its own.
 $(BUILD)/test_work.o: override CFLAGS += -finstrument-functions

@@ -768,31 +768,11 @@ static void test_warp_refusals(void)
     kd_fixture_free(&f);
 }
 
-/* Damages tables of the default size, of WARP, of ALIAS and of other mappings, so many times
-   each. */
-static int fuzz(int count)
-{
-    static const int kinds[] = { ALIAS, WARP, HEMISPHERE, OCTAHEDRAL };
-    int i;
-
-    for (i = 0; i < 4; i++) {
-        kd_fixture f;
-
-        build_kind(&f, kinds[i], "studio", 512, 256, 6144);
-        test_mutations(&f, count, 200);
-        kd_fixture_free(&f);
-    }
-    return check_done();
-}
-
-/* test_kd_table [file [damaged tables]]: the second for `make fuzz`. */
 int main(int argc, char **argv)
 {
     const char *path = argc > 1 ? argv[1] : "build/test_kd_table.bin";
     int kind;
 
-    if (argc > 2)
-        return fuzz(atoi(argv[2]));
     for (kind = 0; kind < KINDS; kind++) {
         test_exact_sizes(kind, 100, 51, 300);
         test_exact_sizes(kind, 3, 5, 1000);

@@ -8,7 +8,7 @@ tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
 kinds=address,undefined,float-divide-by-zero,float-cast-overflow
 subjects="kd_faults kd_table kd_layout kd_warp cdf lm halftone lights lights_cuts
-          lights_decomposed"
+          lights_decomposed fuzz"
 count=0
 
 printf 'int main(void) { return 0; }\n' >"$tmp/probe.c"
