@@ -1034,9 +1034,9 @@ ENVSAMP__MATH float envsamp__turn(float y, float x)
     return y < 0.0f ? 1.0f - turn : turn;
 }
 
-/* Polar angle over pi, [0, 1], within 1e-7, from 1 - cos and 1 + cos of it, with -ffast-math also
-   from one rounded below 0. The arc cosine over the square root of the smaller one is a polynomial
-   in it. */
+/* Polar angle over pi, [0, 1], within 1.5e-7, from 1 - cos and 1 + cos of it, with -ffast-math
+   also from one rounded below 0. The arc cosine over the square root of the smaller one is a
+   polynomial in it. */
 ENVSAMP__HOT float envsamp__polar_fraction(float north, float south)
 {
     float t = ENVSAMP_FABSF(north < south ? north : south), q = ENVSAMP_SQRTF(t);
@@ -1110,7 +1110,7 @@ ENVSAMP__HOT void envsamp__octahedral_uv(float x, float y, float z, float r, flo
     *v = ENVSAMP_FABSF(envsamp__positive(y) - ENVSAMP_FABSF(0.5f * s - q));
 }
 
-/* 2^x - 1 for 0 <= x < 126, within 1e-7 of 2^x, and of itself below x = 1. */
+/* 2^x - 1 for 0 <= x < 126, within 1e-7 of 2^x, and within 2.5e-7 of itself below x = 1. */
 ENVSAMP__HOT float envsamp__exp2m1(double x)
 {
     int whole = (int)x;

@@ -229,6 +229,48 @@ uint32_t inside_search(const envsamp_cdf *cdf, uint32_t row, uint32_t guide, uin
                              envsamp__cdf_guide(cdf, guide), cdf->guide_bits, draw);
 }
 
+/* ---- small math ---- */
+
+void inside_sincos_pi(double x, double *sine, double *cosine)
+{
+    envsamp__sincos_pi(x, sine, cosine);
+}
+
+double inside_log2(double x)
+{
+    return envsamp__log2(x);
+}
+
+double inside_exp2(double x)
+{
+    return envsamp__exp2(x);
+}
+
+float inside_exp2m1(double x)
+{
+    return envsamp__exp2m1(x);
+}
+
+void inside_cos_sin_turn(float u, float *cosine, float *sine)
+{
+    envsamp__cos_sin_turn(u, cosine, sine);
+}
+
+float inside_turn(float y, float x)
+{
+    return envsamp__turn(y, x);
+}
+
+float inside_polar_fraction(float north, float south)
+{
+    return envsamp__polar_fraction(north, south);
+}
+
+double inside_random(uint32_t seed, uint32_t index)
+{
+    return envsamp__random(seed, index);
+}
+
 /* ---- mappings ---- */
 
 void inside_octahedral_dir(const float uv[2], float dir[3])

@@ -86,6 +86,17 @@ extern float inside_texel_pdf(const envsamp_cdf *cdf, uint32_t column, uint32_t 
 /* The guided search of a row's edges, with the guide of another row. */
 extern uint32_t inside_search(const envsamp_cdf *cdf, uint32_t row, uint32_t guide, uint32_t draw);
 
+/* ---- small math ---- */
+
+extern void inside_sincos_pi(double x, double *sine, double *cosine);
+extern double inside_log2(double x);
+extern double inside_exp2(double x);
+extern float inside_exp2m1(double x);
+extern void inside_cos_sin_turn(float u, float *cosine, float *sine);
+extern float inside_turn(float y, float x);
+extern float inside_polar_fraction(float north, float south);
+extern double inside_random(uint32_t seed, uint32_t index);
+
 /* ---- mappings ---- */
 
 /* As sampling has them, faster than the public functions. */

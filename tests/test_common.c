@@ -16,6 +16,7 @@
 #include <ImfCRgbaFile.h>
 #endif
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -1156,6 +1157,102 @@ static void test_octahedral_directions(void)
     CHECK(back_and_there <= 1e-6, "and back again: %.1e", back_and_there);
 }
 
+/* ---- small math ---- */
+
+/* Of libm too, where a long double is a double. */
+#define ROUNDING (LDBL_MANT_DIG > DBL_MANT_DIG ? 0.0 : 3e-16)
+
+/* What stands above each function in the header, against libm. */
+static void test_double_math(void)
+{
+    const long double half_turn = 3.14159265358979323846264338327950288L;
+    double sines = 0.0, logs = 0.0, powers = 0.0;
+    pcg32 random = pcg32_make(12, 0);
+    int i;
+
+    for (i = 0; i < 200000; i++) {
+        const double unit = (double)pcg32_float(&random);
+        const double x = i % 3 ? 2.0 * unit : 0.125 * (i % 17);
+        const double number = ldexp(1.0 + unit, i % 2001 - 1000);
+        const double power = i % 2 ? 2000.0 * unit - 1000.0 : 4.0 * unit - 2.0;
+        double sine, cosine;
+
+        inside_sincos_pi(x, &sine, &cosine);
+        worst(&sines, (double)fabsl((long double)sine - sinl(half_turn * (long double)x)));
+        worst(&sines, (double)fabsl((long double)cosine - cosl(half_turn * (long double)x)));
+        worst(&logs, (double)fabsl((long double)inside_log2(number) - log2l((long double)number))
+                     / (1.0 + fabs(log2(number))));
+        worst(&powers, (double)fabsl((long double)inside_exp2(power)
+                                     / exp2l((long double)power) - 1.0L));
+    }
+    CHECK(sines <= 2e-16 + ROUNDING, "sine and cosine are within 2e-16: %.2e", sines);
+    CHECK(logs <= 1e-15, "logarithms within 1e-15: %.2e", logs);
+    CHECK(powers <= 1e-15, "powers of 2 within 1e-15: %.2e", powers);
+}
+
+static void test_float_math(void)
+{
+    double power = 0.0, less_one = 0.0, circle = 0.0, turn = 0.0, polar = 0.0;
+    pcg32 random = pcg32_make(13, 0);
+    int i;
+
+    for (i = 0; i < 200000; i++) {
+        const float u = i % 5 ? pcg32_float(&random) : (float)(i % 9) / 8.0f;
+        const double x = i % 2 ? 126.0 * (double)u : (double)u;
+        const double e = expm1(x * log(2.0)), got = (double)inside_exp2m1(x);
+        float a = 2.0f * u - 1.0f, b = i % 7 ? 2.0f * pcg32_float(&random) - 1.0f : a;
+        float cosine, sine;
+        double expected;
+
+        if (i % 126 < 125)
+            worst(&power, fabs(got - e) / (e + 1.0));
+        if (x < 1.0)
+            worst(&less_one, fabs(got - e) / fmax(e, 1e-30));
+        inside_cos_sin_turn(u, &cosine, &sine);
+        worst(&circle, fabs((double)cosine - cos(2.0 * pi * (double)u)));
+        worst(&circle, fabs((double)sine - sin(2.0 * pi * (double)u)));
+        b = i % 11 ? i % 13 ? b : -b : 0.0f;
+        b = i % 17 ? b : 1e-3f * b;
+        expected = atan2((double)a, (double)b) / (2.0 * pi);
+        expected += expected < 0.0 ? 1.0 : 0.0;
+        if (a != 0.0f || b != 0.0f)
+            worst(&turn, fabs((double)inside_turn(a, b) - expected));
+        a = i % 4 < 2 ? a : 1.0f - 1e-4f * u;
+        a = i % 2 ? a : -a;
+        worst(&polar, fabs((double)inside_polar_fraction(1.0f - a, 1.0f + a)
+                           - 2.0 / pi * atan2(sqrt(1.0 - (double)a), sqrt(1.0 + (double)a))));
+    }
+    CHECK(power <= 1e-7, "floats: 2^x - 1 is within 1e-7 of 2^x: %.2e", power);
+    CHECK(less_one <= 2.5e-7, "below x = 1 within 2.5e-7 of itself: %.2e", less_one);
+    CHECK(circle <= 5e-7, "cosine and sine are within 5e-7: %.2e", circle);
+    CHECK(turn <= 1.5e-7, "angles within 1.5e-7 turns: %.2e", turn);
+    CHECK(polar <= 1.5e-7, "polar angles within 1.5e-7 of a half turn: %.2e", polar);
+    CHECK(inside_turn(0.0f, 0.0f) == 0.0f, "the angle of the origin is 0");
+}
+
+/* Neither 0 nor 1: the middles of 2^31 equal parts. Bits of one number say nothing of another. */
+static void test_random_numbers(void)
+{
+    enum { NUMBERS_DRAWN = 1 << 16 };
+    int i, astray = 0, bit, ones[31] = {0}, flips[32] = {0}, uneven = 0;
+
+    for (i = 0; i < NUMBERS_DRAWN; i++) {
+        const double number = inside_random(1234, (uint32_t)i), parts = number * 4294967296.0;
+        const uint32_t bits = (uint32_t)parts;
+
+        astray += !(number > 0.0 && number < 1.0 && (double)bits == parts && bits % 2 == 1);
+        for (bit = 0; bit < 31; bit++) {
+            ones[bit] += (int)(bits >> (bit + 1) & 1);
+            flips[bit] += inside_random(1234u ^ 1u << bit, (uint32_t)i) != number;
+        }
+    }
+    for (bit = 0; bit < 31; bit++)
+        uneven += abs(2 * ones[bit] - NUMBERS_DRAWN) > 5 * 256 || flips[bit] < NUMBERS_DRAWN - 1;
+    CHECK(!astray, "random numbers are odd multiples of 2^-32 in (0, 1), but %d", astray);
+    CHECK(!uneven, "each bit is set in half of them, and all of a seed counts, but for %d", uneven);
+}
+
+
 static int dir_is(envsamp_mapping mapping, float u, float v, double x, double y, double z)
 {
     const double expected[3] = {x, y, z};
@@ -1519,6 +1616,9 @@ int main(int argument_count, char **arguments)
     test_sobol_boxes();
     test_sobol_seeds();
     test_maps();
+    test_double_math();
+    test_float_math();
+    test_random_numbers();
     test_octahedral_points();
     test_octahedral_directions();
     test_octahedral_layout();
