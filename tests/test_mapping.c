@@ -255,6 +255,145 @@ static void print_request(char *text, size_t size, const sampler_request *r)
              r->image.height, r->bilinear, (double)r->compensation);
 }
 
+/* ---- splits: each is the best of all cuts ---- */
+
+/* A block, in cells: where radiance is bilinear these lie between texel centres. Its edges are at
+   64ths of cells, and cells are taken whole or, if so many pieces are no more than 128 and no more
+   than 64 across, divided by a power of 2. */
+typedef struct split_block { double low[2], high[2]; int pieces; } split_block;
+
+static int pieces_between(double low, double high, int pieces)
+{
+    return (int)(ceil(high * pieces) - floor(low * pieces));
+}
+
+static split_block split_block_of(const envsamp_image *map, int bilinear,
+                                  const envsamp_kd_block *b)
+{
+    const double texels[2] = { (double)map->width, (double)map->height };
+    const double offset = bilinear ? 0.5 : 0.0;
+    int axis, across, down;
+    split_block s;
+
+    for (axis = 0; axis < 2; axis++) {
+        s.low[axis] = floor(64.0 * ((double)b->uv_min[axis] * texels[axis] + offset) + 0.5) / 64.0;
+        s.high[axis] = floor(64.0 * ((double)b->uv_max[axis] * texels[axis] + offset) + 0.5) / 64.0;
+    }
+    for (s.pieces = bilinear ? 64 : 1; s.pieces > 1; s.pieces /= 2) {
+        across = pieces_between(s.low[0], s.high[0], s.pieces);
+        down = pieces_between(s.low[1], s.high[1], s.pieces);
+        if (across <= 64 && across * down <= 128)
+            break;
+    }
+    return s;
+}
+
+/* What a part is worth: the least of these sums is what EXCESS wants, of the others the squares
+   about the mean are. */
+static double part_cost(const envsamp_image *map, int bilinear, const split_block *b,
+                        envsamp_kd_criterion criterion)
+{
+    const double w = (double)map->width, h = (double)map->height, offset = bilinear ? 0.5 : 0.0;
+    const sums part = sums_over(map, bilinear, (b->low[0] - offset) / w, (b->high[0] - offset) / w,
+                                (b->low[1] - offset) / h, (b->high[1] - offset) / h);
+
+    return criterion == ENVSAMP_KD_EXCESS ? sqrt(part.sr * part.square)
+                                          : part.square - part.light * part.light / part.sr;
+}
+
+static double cut_cost(const envsamp_image *map, int bilinear, const split_block *b,
+                       envsamp_kd_criterion criterion, int axis, double at)
+{
+    split_block low = *b, high = *b;
+
+    low.high[axis] = high.low[axis] = at;
+    return part_cost(map, bilinear, &low, criterion) + part_cost(map, bilinear, &high, criterion);
+}
+
+/* Splits: how many were tried, are not the best, and are fine cuts of polar angle; the least share
+   that one gains of what the best does. */
+typedef struct split_tally { int splits, others, fine; double least; } split_tally;
+
+/* The block before, and its lower part after the split. */
+static void judge_split(const envsamp_image *map, int bilinear, envsamp_kd_criterion criterion,
+                        const envsamp_kd_block *whole, const envsamp_kd_block *part,
+                        split_tally *t)
+{
+    const split_block b = split_block_of(map, bilinear, whole);
+    const split_block low = split_block_of(map, bilinear, part);
+    const double none = part_cost(map, bilinear, &b, criterion);
+    const int taken = low.high[0] < b.high[0] ? 0 : 1;
+    double best = none, chosen = cut_cost(map, bilinear, &b, criterion, taken, low.high[taken]);
+    int axis, i;
+
+    for (axis = 0; axis < 2; axis++)
+        for (i = (int)floor(b.low[axis] * b.pieces) + 1; i < b.high[axis] * b.pieces; i++)
+            best = fmin(best, cut_cost(map, bilinear, &b, criterion, axis, (double)i / b.pieces));
+    if (none - best < 1e-4 * none)          /* hardly more than rounding */
+        return;
+    t->splits++;
+    t->others += chosen > best + 1e-9 * none;
+    t->fine += taken == 1 && low.high[1] > floor(low.high[1]);
+    t->least = fmin(t->least, (none - chosen) / (none - best));
+}
+
+/* Tables of one block more each: the one that is new was split from one that is gone. */
+static void judge_splits(const envsamp_image *map, int bilinear, envsamp_kd_criterion criterion,
+                         split_tally *t)
+{
+    enum { BLOCKS = 6 };
+    envsamp_kd_block before[BLOCKS], after[BLOCKS];
+    envsamp_kd_desc desc = kd_desc(1, ENVSAMP_KD_ALIAS);
+    int i, split;
+
+    desc.nearest = !bilinear;
+    desc.criterion = criterion;
+    for (; desc.block_count <= BLOCKS; desc.block_count++) {
+        kd_fixture f;
+
+        if (!kd_fixture_build(&f, map, &desc) || f.info.block_count < desc.block_count) {
+            kd_fixture_free(&f);
+            return;
+        }
+        for (split = -1, i = 0; i < desc.block_count; i++) {
+            envsamp_kd_get_block(f.kd, i, &after[i]);
+            if (i + 1 < desc.block_count && after[i].solid_angle < before[i].solid_angle)
+                split = i;
+        }
+        if (split >= 0)
+            judge_split(map, bilinear, criterion, &before[split], &after[split], t);
+        memcpy(before, after, sizeof before);
+        kd_fixture_free(&f);
+    }
+}
+
+/* With bilinear lookups a few are not the best: rows far from the poles are taken for even in solid
+   angle while splits are sought, and edges that a float rounds may make a block one piece wider. */
+static void test_splits(envsamp_mapping mapping, int bilinear)
+{
+    static const int sizes[][2] = { { 1, 2 }, { 2, 1 }, { 3, 2 }, { 2, 4 }, { 4, 4 }, { 1, 8 },
+                                    { 11, 9 } };
+    const double allowed = !bilinear ? 0.0 : mapping == ENVSAMP_OCTAHEDRAL ? 0.01 : 0.1;
+    split_tally t = { 0, 0, 0, 1.0 };
+    int i, k;
+
+    for (i = 0; i < (int)(sizeof sizes / sizeof sizes[0]) * 24; i++) {
+        const int *size = sizes[i / 24];
+        pcg32 random = pcg32_make((uint64_t)i, 41);
+        float pixels[99];
+        envsamp_image map = kd_image(pixels, size[0], size[1], 1);
+
+        map.mapping = mapping;
+        for (k = 0; k < 99; k++)
+            pixels[k] = 0.1f + 10.0f * powf(pcg32_float(&random), 3.0f);
+        judge_splits(&map, bilinear, (envsamp_kd_criterion)(i % 4), &t);
+    }
+    CHECK(t.splits > 500 && (t.fine > 200) == bilinear, "%s, bilinear %d: %d splits, of which %d "
+          "are of polar angle within cells", sampler_mappings[mapping], bilinear, t.splits, t.fine);
+    CHECK((double)t.others <= allowed * (double)t.splits, "and %d of them are not the best of all "
+          "cuts; the least gains %.5f of what that does", t.others, t.least);
+}
+
 /* ---- blocks and densities, exactly ---- */
 
 typedef struct exact {
@@ -1165,6 +1304,12 @@ static void test_compensation(void)
 
 int main(void)
 {
+    int mapping;
+
+    for (mapping = 0; mapping < 3; mapping++) {
+        test_splits((envsamp_mapping)mapping, 0);
+        test_splits((envsamp_mapping)mapping, 1);
+    }
     test_maps(1, 1, 64);
     test_maps(1, 7, 64);
     test_maps(9, 1, 64);
