@@ -437,7 +437,8 @@ typedef struct envsamp_kd_info {
     envsamp_mapping mapping;
 } envsamp_kd_info;
 
-/* One block: where it lies, and how often it is drawn. Blocks tile the map. */
+/* One block: where it lies, and how often it is drawn. Blocks tile the map. uv_min is below uv_max,
+   also where polar angle in floats is coarser than the block is high. */
 typedef struct envsamp_kd_block {
     float uv_min[2], uv_max[2];
     float solid_angle;       /* sr */
@@ -6146,6 +6147,10 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
     block->uv_min[1] = envsamp__edge_v(kd->mapping, edges.y0);
     block->uv_max[0] = edges.x1;
     block->uv_max[1] = envsamp__edge_v(kd->mapping, edges.y1);
+    if (block->uv_min[1] >= block->uv_max[1]) {     /* thinner than v in floats tells */
+        block->uv_min[1] = envsamp__clamp_unit(block->uv_min[1]);
+        block->uv_max[1] = envsamp__bits_float(envsamp__float_bits(block->uv_min[1]) + 1);
+    }
     block->solid_angle = (float)envsamp__edges_sr(kd->mapping, &edges);
     block->probability = (float)probability;
     return ENVSAMP_OK;

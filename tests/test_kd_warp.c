@@ -817,6 +817,35 @@ static void check_blocks(const subject *s, const char *what)
           what, s->count, off, probability);
 }
 
+/* A map of one column and 65535 rows, one of them as bright as to be cut into blocks that are
+   thinner than floats of v tell. What is told is still a block. */
+static void test_thin(envsamp_mapping mapping, int row)
+{
+    float *pixels = (float *)kd_allocate(65535 * sizeof *pixels);
+    const envsamp_kd_desc desc = envsamp_kd_defaults();
+    envsamp_image view = kd_image(pixels, 1, 65535, 1);
+    int i, axis, thin = 0, wrong = 0;
+    kd_fixture f;
+
+    view.mapping = mapping;
+    for (i = 0; i < 65535; i++)
+        pixels[i] = i == row ? 1e9f : 1e-3f;
+    CHECK(kd_fixture_build(&f, &view, &desc), "mapping %d, row %d is bright", (int)mapping, row);
+    for (i = 0; i < f.info.block_count; i++) {
+        envsamp_kd_block b;
+
+        envsamp_kd_get_block(f.kd, i, &b);
+        for (axis = 0; axis < 2; axis++)
+            wrong += !(b.uv_min[axis] >= 0.0f && b.uv_min[axis] < b.uv_max[axis]
+                       && b.uv_max[axis] <= 1.0f);
+        thin += nextafterf(b.uv_min[1], 2.0f) >= b.uv_max[1];
+    }
+    CHECK(!wrong && thin > 50, "edges of all rise, but of %d; %d are as thin as can be", wrong,
+          thin);
+    kd_fixture_free(&f);
+    free(pixels);
+}
+
 /* Black columns, rows, pole and quarter: cuts at the edges of the unit square, 0 and -0, with
    nothing on one side. */
 static void test_black_parts(int width, int height, int blocks)
@@ -961,5 +990,8 @@ int main(int argc, char **argv)
     test_sun(3, 3, 1e4f, 1, 1048576, 0);
     test_sun(40, 1, 1e12f, 1, 1000, 0);
     test_sun(1, 40, 1e12f, 1, 1000, 0);
+    test_thin(ENVSAMP_HEMISPHERE, 65534);
+    test_thin(ENVSAMP_LATLONG, 32767);
+    test_thin(ENVSAMP_LATLONG, 65534);
     return check_done();
 }
