@@ -32,8 +32,8 @@ OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o maps.o picture.o)
 EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr.o)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
-.PHONY: help demo lights product test bench scale fuzz corpus mutants figures convergence halftone \
-        scene portability portability-setup data setup clean
+.PHONY: help demo lights product test bench scale fuzz corpus mutants coverage figures convergence \
+        halftone scene portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -82,6 +82,10 @@ mutants:  ## put faults in, see tests fail: a list, then COUNT=200 drawn from SE
 ifndef FAULTS
 	CC="$(CC)" perl tests/mutants.pl -a $(or $(COUNT),200) -s $(or $(SEED),1) $(SECTIONS)
 endif
+
+# Needs clang and its llvm-cov and llvm-profdata. Some minutes. See tests/coverage.pl.
+coverage: setup  ## lines and branches of envsamp.h that the tests reach, by function
+	perl tests/coverage.pl
 
 # Some minutes. ROWS='arm|wasm': those that grep -E finds; JOBS=1: one at a time.
 portability:  ## compilers x machines x standards: the same bits, in one table

@@ -658,6 +658,38 @@ static void test_no_derivative(void)
     CHECK(params[0] >= 0.5 && params[0] <= 0.5, "and params are as given");
 }
 
+static void nothing_but_here(const double *x, double *f, void *user)
+{
+    nowhere_but_here(x, f, user);
+    f[0] -= 3.0;
+}
+
+/* f[0] is so steep that its column of the Jacobian would overflow. */
+static void cliff(const double *x, double *f, void *user)
+{
+    (void)user;
+    f[0] = 1e150 * sin(1e7 * x[0]);
+    f[1] = 1e150 * (x[1] - 2.0);
+}
+
+static void test_rest(void)
+{
+    envsamp_lm_desc desc = desc_of(1, 1, 0);
+    envsamp_lm_info info;
+    double params[2] = {0.5, 0.5}, here = 0.5;
+    envsamp_result result;
+
+    result = envsamp_lm(&desc, nothing_but_here, &here, params, scratch_of(64), &info);
+    CHECK(result == ENVSAMP_OK && info.converged && info.cost <= 0.0, "no finite neighbour of a "
+          "root: called converged");
+    desc = desc_of(2, 2, 0);
+    params[0] = 0.0;
+    result = envsamp_lm(&desc, cliff, NULL, params, scratch_of(64), &info);
+    CHECK(result == ENVSAMP_OK && params[0] <= 0.0 && params[0] >= 0.0
+          && fabs(params[1] - 2.0) < 1e-9, "where a slope overflows its parameter rests, the other "
+          "moves to %.12g", params[1]);
+}
+
 /* Beyond x = 1 two planes and a constant; before it, y is only defined where it starts. */
 static void freed_by_x(const double *x, double *f, void *user)
 {
@@ -721,6 +753,28 @@ static void test_max_iterations(void)
         CHECK(info.cost <= log.lowest * 1.001, "the best point is kept: %g", log.lowest);
         start_cost = info.cost;
     }
+}
+
+/* A tolerance below DBL_EPSILON counts as that. */
+static void test_least_tolerance(void)
+{
+    const double least[2] = {DBL_EPSILON, 1e-30};
+    double cost[2];
+    int evaluations[2], i;
+
+    for (i = 0; i < 2; ++i) {
+        envsamp_lm_desc desc = desc_of(4, 20, 1000);
+        envsamp_lm_info info;
+        double params[4] = {25.0, 5.0, -5.0, -1.0};
+
+        desc.ftol = desc.xtol = desc.gtol = least[i];
+        (void)envsamp_lm(&desc, brown_dennis, NULL, params, scratch_of(4096), &info);
+        evaluations[i] = info.converged ? info.evaluations : -1;
+        cost[i] = info.cost;
+    }
+    CHECK(evaluations[0] > 0 && evaluations[0] == evaluations[1]
+          && memcmp(&cost[0], &cost[1], sizeof cost[0]) == 0, "tolerances of 1e-30 are those of "
+          "DBL_EPSILON: %d and %d calls", evaluations[0], evaluations[1]);
 }
 
 static void test_tolerances_stop(void)
@@ -838,9 +892,11 @@ int main(void)
     test_nothing_beyond_the_buffer();
     test_walls();
     test_no_derivative();
+    test_rest();
     test_freed();
     test_max_iterations();
     test_tolerances_stop();
+    test_least_tolerance();
     test_scale();
     test_many_residuals();
     test_determinism();
