@@ -1279,7 +1279,7 @@ static void test_defaults(void)
     CHECK(plain.scratch_bytes == bilinear.scratch_bytes
           && nearest.scratch_bytes < bilinear.scratch_bytes, "also with no description");
     desc.nearest = 7;
-    CHECK(kd_fixture_build(&f, &m.image, &desc) && f.info.nearest == 1,
+    CHECK(kd_fixture_build(&f, &m.image, &desc) && IS(f.info.nearest, 1),
           "any number but 0 means yes");
     kd_fixture_free(&f);
     map_free(&m);

@@ -191,7 +191,7 @@ static void test_every_draw(void)
         wrong += columns[k] != (double)(edges[k + 1] - edges[k]);
     for (k = 0; k < 3; k++)
         wrong += rows[k] != (double)(row_edges[k + 1] - row_edges[k]);
-    CHECK(wrong == 0 && rows[1] <= 0.0 && columns[0] <= 0.0 && columns[1] >= 1.0,
+    CHECK(IS(wrong, 0) && rows[1] <= 0.0 && columns[0] <= 0.0 && columns[1] >= 1.0,
           "all 2^24 numbers: each texel and row as often as claimed, black never, lit once");
     subject_free(&s);
 }
@@ -401,13 +401,13 @@ static void test_batches(void)
                   || !kd_bits_equal(&alone, &again[i], 4);
         }
     }
-    CHECK(wrong == 0, "batches of 0 to 511 are scalar calls bit for bit");
+    CHECK(IS(wrong, 0), "batches of 0 to 511 are scalar calls bit for bit");
     x[0][0] = NAN;
     x[1][1] = INFINITY;
     x[0][2] = x[1][2] = x[2][2] = 0.0f;
     envsamp_cdf_pdf_n(s.cdf, 3, x[0], x[1], x[2], again);
     differ = again[0] != 0.0f || again[1] != 0.0f || again[2] != 0.0f;
-    CHECK(!differ, "and 0 for what is no direction");
+    CHECK(IS(differ, 0), "and 0 for what is no direction");
     envsamp_cdf_sample_n(s.cdf, 0, NULL, NULL, NULL, NULL, NULL, NULL);
     envsamp_cdf_pdf_n(s.cdf, 0, NULL, NULL, NULL, NULL);
     subject_free(&s);
@@ -556,22 +556,22 @@ static void test_pixels(void)
     memset(&s, 0, sizeof s);
     s.view = kd_image(pixels, 4, 3, 1);
     s.desc.nearest = s.desc.strict = 1;
-    CHECK(!subject_build(&s) && s.result == ENVSAMP_ERR_VALUE && !s.cdf && subject_intact(&s)
-          && envsamp_cdf_open(s.table.buffer.data, s.table.buffer.bytes, &s.cdf)
-             == ENVSAMP_ERR_FORMAT, "strict: refused, and no table left");
+    CHECK(!subject_build(&s) && IS(s.result, ENVSAMP_ERR_VALUE) && !s.cdf && subject_intact(&s)
+          && IS(envsamp_cdf_open(s.table.buffer.data, s.table.buffer.bytes, &s.cdf),
+             ENVSAMP_ERR_FORMAT), "strict: refused, and no table left");
     subject_free(&s);
     for (i = 0; i < 12; i++)
         pixels[i] = i & 1 ? 0.0f : -2.0f;
-    CHECK(!subject_of(&s, pixels, 4, 3, 1) && s.result == ENVSAMP_ERR_BLACK && !s.cdf, "black");
+    CHECK(!subject_of(&s, pixels, 4, 3, 1) && IS(s.result, ENVSAMP_ERR_BLACK) && !s.cdf, "black");
     subject_free(&s);
     for (i = 0; i < 12; i++)
         pixels[i] = 1e-45f;
-    CHECK(subject_of(&s, pixels, 4, 3, 1) && sane(&s) && fabs(s.info.max_ratio - 1.0) < 1e-3,
+    CHECK(subject_of(&s, pixels, 4, 3, 1) && sane(&s) && IS_NEAR(s.info.max_ratio, 1.0, 1e-3),
           "denormals alone");
     subject_free(&s);
     for (i = 0; i < 12; i++)
         pixels[i] = FLT_MAX;
-    CHECK(subject_of(&s, pixels, 2, 2, 3) && sane(&s) && fabs(s.info.max_ratio - 1.0) < 1e-3,
+    CHECK(subject_of(&s, pixels, 2, 2, 3) && sane(&s) && IS_NEAR(s.info.max_ratio, 1.0, 1e-3),
           "FLT_MAX everywhere");
     subject_free(&s);
 }
@@ -594,22 +594,22 @@ static void test_arguments(void)
 
     subject_of(&s, pixels, 2, 2, 1);
     less = s.table.buffer;
-    CHECK(envsamp_cdf_sizes(NULL, NULL, &sizes) == ENVSAMP_ERR_NULL && sizes.table_bytes == 0
-          && envsamp_cdf_sizes(&s.view, NULL, NULL) == ENVSAMP_ERR_NULL
-          && envsamp_cdf_build(&s.view, NULL, less, less, NULL) == ENVSAMP_ERR_NULL
-          && envsamp_cdf_build(NULL, NULL, less, less, &cdf) == ENVSAMP_ERR_NULL && !cdf
-          && envsamp_cdf_open(NULL, 10, &cdf) == ENVSAMP_ERR_NULL
-          && envsamp_cdf_open(less.data, 10, NULL) == ENVSAMP_ERR_NULL
-          && envsamp_cdf_get_info(NULL, &info) == ENVSAMP_ERR_NULL
-          && envsamp_cdf_get_info(s.cdf, NULL) == ENVSAMP_ERR_NULL, "missing pointers");
+    CHECK(IS(envsamp_cdf_sizes(NULL, NULL, &sizes), ENVSAMP_ERR_NULL) && IS(sizes.table_bytes, 0)
+          && IS(envsamp_cdf_sizes(&s.view, NULL, NULL), ENVSAMP_ERR_NULL)
+          && IS(envsamp_cdf_build(&s.view, NULL, less, less, NULL), ENVSAMP_ERR_NULL)
+          && IS(envsamp_cdf_build(NULL, NULL, less, less, &cdf), ENVSAMP_ERR_NULL) && !cdf
+          && IS(envsamp_cdf_open(NULL, 10, &cdf), ENVSAMP_ERR_NULL)
+          && IS(envsamp_cdf_open(less.data, 10, NULL), ENVSAMP_ERR_NULL)
+          && IS(envsamp_cdf_get_info(NULL, &info), ENVSAMP_ERR_NULL)
+          && IS(envsamp_cdf_get_info(s.cdf, NULL), ENVSAMP_ERR_NULL), "missing pointers");
     view = s.view;
     view.pixels = NULL;
-    CHECK(envsamp_cdf_sizes(&view, NULL, &sizes) == ENVSAMP_OK
-          && envsamp_cdf_build(&view, NULL, less, s.scratch.buffer, &cdf) == ENVSAMP_ERR_NULL,
+    CHECK(IS(envsamp_cdf_sizes(&view, NULL, &sizes), ENVSAMP_OK)
+          && IS(envsamp_cdf_build(&view, NULL, less, s.scratch.buffer, &cdf), ENVSAMP_ERR_NULL),
           "no pixels: sizes, but no table");
     view = s.view;
     view.height = 65536;
-    CHECK(envsamp_cdf_sizes(&view, NULL, &sizes) == ENVSAMP_ERR_SIZE, "too high");
+    CHECK(IS(envsamp_cdf_sizes(&view, NULL, &sizes), ENVSAMP_ERR_SIZE), "too high");
     view.height = view.width = 65535;
     CHECK(envsamp_cdf_sizes(&view, NULL, &sizes) == (sizeof(size_t) > 4 ? ENVSAMP_OK
           : ENVSAMP_ERR_SIZE), "65535x65535 wants %.1f GB", 1e-9 * (double)sizes.table_bytes);
@@ -628,16 +628,16 @@ static void test_arguments(void)
     CHECK(!wrong, "so is compensation out of [0, 1]: %d wrong", wrong);
     s.desc.mis_compensation = 0.0f;
     less.bytes--;
-    CHECK(envsamp_cdf_build(&s.view, &s.desc, less, s.scratch.buffer, &cdf) == ENVSAMP_ERR_MEMORY
+    CHECK(IS(envsamp_cdf_build(&s.view, &s.desc, less, s.scratch.buffer, &cdf), ENVSAMP_ERR_MEMORY)
           && !cdf, "a byte of table less");
     less = s.scratch.buffer;
     less.bytes--;
-    CHECK(envsamp_cdf_build(&s.view, &s.desc, s.table.buffer, less, &cdf) == ENVSAMP_ERR_MEMORY,
+    CHECK(IS(envsamp_cdf_build(&s.view, &s.desc, s.table.buffer, less, &cdf), ENVSAMP_ERR_MEMORY),
           "a byte of scratch less");
     less.data = (char *)s.scratch.buffer.data + 4;
     less.bytes++;
-    CHECK(envsamp_cdf_build(&s.view, &s.desc, s.table.buffer, less, &cdf) == ENVSAMP_ERR_ALIGN
-          && envsamp_cdf_open(less.data, CDF_AT(end), &cdf) == ENVSAMP_ERR_ALIGN, "not aligned");
+    CHECK(IS(envsamp_cdf_build(&s.view, &s.desc, s.table.buffer, less, &cdf), ENVSAMP_ERR_ALIGN)
+          && IS(envsamp_cdf_open(less.data, CDF_AT(end), &cdf), ENVSAMP_ERR_ALIGN), "not aligned");
     subject_free(&s);
 }
 
@@ -659,9 +659,9 @@ static void test_defaults(void)
     subject_build(&s);
     table = kd_guarded_make(s.sizes.table_bytes, 0x42);
     CHECK(s.cdf && !s.info.nearest && sane(&s)
-          && envsamp_cdf_sizes(&s.view, NULL, &sizes) == ENVSAMP_OK
+          && IS(envsamp_cdf_sizes(&s.view, NULL, &sizes), ENVSAMP_OK)
           && !memcmp(&sizes, &s.sizes, sizeof sizes)
-          && envsamp_cdf_build(&s.view, NULL, table.buffer, s.scratch.buffer, &cdf) == ENVSAMP_OK
+          && IS(envsamp_cdf_build(&s.view, NULL, table.buffer, s.scratch.buffer, &cdf), ENVSAMP_OK)
           && !memcmp(cdf, s.cdf, sizes.table_bytes), "NULL gives the table of the defaults");
     free(table.block);
     subject_free(&s);
@@ -702,12 +702,12 @@ static void test_bytes(envsamp_mapping mapping, int bilinear, int width, int hei
           bilinear, (unsigned long)bytes);
     copy = kd_guarded_make(bytes + 32, 0x77);
     memcpy(copy.buffer.data, s.cdf, bytes);
-    CHECK(envsamp_cdf_open(copy.buffer.data, bytes, &cdf) == ENVSAMP_OK
-          && envsamp_cdf_open(copy.buffer.data, bytes + 32, &cdf) == ENVSAMP_OK, "a copy opens");
+    CHECK(IS(envsamp_cdf_open(copy.buffer.data, bytes, &cdf), ENVSAMP_OK)
+          && IS(envsamp_cdf_open(copy.buffer.data, bytes + 32, &cdf), ENVSAMP_OK), "a copy opens");
     t.cdf = cdf;
     for (i = 0; i < bytes; i++)
         opened += envsamp_cdf_open(copy.buffer.data, i, &cdf) == ENVSAMP_OK;
-    CHECK(opened == 0, "a part of it does not");
+    CHECK(IS(opened, 0), "a part of it does not");
     for (i = 0; i < bytes; i++)
         for (k = 0; k < 8; k += 3) {
             ((unsigned char *)copy.buffer.data)[i] ^= (unsigned char)(1 << k);
@@ -719,7 +719,7 @@ static void test_bytes(envsamp_mapping mapping, int bilinear, int width, int hei
                 caught++;
             memcpy(copy.buffer.data, s.cdf, bytes);
         }
-    CHECK(opened == 0, "no damaged one does");
+    CHECK(IS(opened, 0), "no damaged one does");
     CHECK(unsafe == 0 && caught > 1000 && kd_guarded_intact(&copy), "with its checksum made right "
           "%d of %d kinds of damage are seen, and the others sample safely", caught,
           (int)(3 * bytes));

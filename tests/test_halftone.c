@@ -731,7 +731,7 @@ static void test_threshold(void)
         wrong += d.count != 1 || d.texel[0].x != 2;
         draw_free(&d);
     }
-    CHECK(wrong == 0, "a texel is chosen past half of S/M, not at it");
+    CHECK(IS(wrong, 0), "a texel is chosen past half of S/M, not at it");
     free(ones.value);
 }
 
@@ -774,7 +774,7 @@ static void test_start_even(void)
           distance);
     CHECK(fabs(product) < 5.0 / sqrt(SEEDS), "those of two seeds in a row correlate by %.4f",
           product);
-    CHECK(fabs(start_of(&ones, 0)) < 1.0 / 4096.0, "that of seed 0 is none");
+    CHECK(IS_NEAR(start_of(&ones, 0), 0.0, 1.0 / 4096.0), "that of seed 0 is none");
     free(ones.value);
 }
 
@@ -1444,7 +1444,7 @@ static int refused(stage *s, envsamp_result expected)
     if (!s->spoilt.count)
         s->count = 0;
     s->spoilt = s->fine;
-    return result == expected && s->count == 0
+    return IS(result, expected) && IS(s->count, 0)
         && all_rubbish(s->texels.buffer.data, s->texels.buffer.bytes)
         && kd_guarded_intact(&s->texels) && kd_guarded_intact(&s->scratch);
 }
@@ -1453,7 +1453,7 @@ static int refused(stage *s, envsamp_result expected)
 static int accepted(stage *s)
 {
     const envsamp_result result = call_make(&s->fine);
-    const int whole = result == ENVSAMP_OK && s->count == STAGE_COUNT;
+    const int whole = IS(result, ENVSAMP_OK) && IS(s->count, STAGE_COUNT);
 
     memset(s->texels.buffer.data, RUBBISH, s->texels.buffer.bytes);
     return whole;
@@ -1474,8 +1474,8 @@ static void test_pointers(stage *s)
     good &= refused(s, ENVSAMP_ERR_NULL);
     s->spoilt.scratch.data = NULL;
     good &= refused(s, ENVSAMP_ERR_NULL);
-    CHECK(good && envsamp_halftone_sizes(8, 8, &s->desc, NULL) == ENVSAMP_ERR_NULL
-          && envsamp_halftone_sizes(8, 8, NULL, &sizes) == ENVSAMP_ERR_NULL
+    CHECK(good && IS(envsamp_halftone_sizes(8, 8, &s->desc, NULL), ENVSAMP_ERR_NULL)
+          && IS(envsamp_halftone_sizes(8, 8, NULL, &sizes), ENVSAMP_ERR_NULL)
           && !sizes.table_bytes && !sizes.scratch_bytes && accepted(s), "missing pointers");
 }
 
@@ -1707,7 +1707,7 @@ static void test_stride(void)
                               9 * sizeof(envsamp_texel));
         draw_free(&d);
     }
-    CHECK(wrong == 0 && kd_guarded_intact(&texels) && kd_guarded_intact(&scratch),
+    CHECK(IS(wrong, 0) && kd_guarded_intact(&texels) && kd_guarded_intact(&scratch),
           "rows that lie apart, and room to spare, change nothing");
     free(texels.block);
     free(scratch.block);

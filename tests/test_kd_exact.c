@@ -554,9 +554,9 @@ static void test_flat_map(void)
         desc.criterion = (envsamp_kd_criterion)(i % 4);
         CHECK(kd_fixture_build(&f, &map, &desc), "a flat map, criterion %d", i % 4);
         CHECK(f.info.block_count == 1, "stops at 1 block: %d", f.info.block_count);
-        CHECK(fabs(f.info.integral / (0.7 * 4.0 * KD_PI) - 1.0) < 1e-7, "has integral 4 pi L");
+        CHECK(IS_NEAR(f.info.integral / (0.7 * 4.0 * KD_PI), 1.0, 1e-7), "has integral 4 pi L");
         CHECK(f.info.excess_variance < 1e-6, "excess %.1e", f.info.excess_variance);
-        CHECK(f.kd && fabs((double)envsamp_kd_pdf(f.kd, up) * 4.0 * KD_PI - 1.0) < 1e-6,
+        CHECK(f.kd && IS_NEAR((double)envsamp_kd_pdf(f.kd, up) * 4.0 * KD_PI, 1.0, 1e-6),
               "pdf is 1 / 4 pi");
         kd_fixture_free(&f);
     }
@@ -678,7 +678,7 @@ static void test_special_directions(envsamp_kd_select select)
             misses += poles[i][2] == 0.0f && !grid_accepts_direction(&g, poles[i]);
         }
     }
-    CHECK(!misses, "poles and axes are found, with zeros of both signs");
+    CHECK(IS(misses, 0), "poles and axes are found, with zeros of both signs");
     grid_free(&g);
     image_free(&map);
 }
@@ -827,7 +827,7 @@ static int uv_is(envsamp_mapping mapping, float x, float y, float z, float u, fl
     float uv[2];
 
     envsamp_dir_to_uv(mapping, dir, uv);
-    return fabsf(uv[0] - u) <= 3e-7f && fabsf(uv[1] - v) <= 3e-7f;
+    return IS_NEAR(uv[0], u, 3e-7) && IS_NEAR(uv[1], v, 3e-7);
 }
 
 static int dir_is(float u, float v, float x, float y, float z)
@@ -835,7 +835,7 @@ static int dir_is(float u, float v, float x, float y, float z)
     float dir[3];
 
     envsamp_uv_to_dir(ENVSAMP_LATLONG, u, v, dir);
-    return fabsf(dir[0] - x) <= 5e-7f && fabsf(dir[1] - y) <= 5e-7f && fabsf(dir[2] - z) <= 5e-7f;
+    return IS_NEAR(dir[0], x, 5e-7) && IS_NEAR(dir[1], y, 5e-7) && IS_NEAR(dir[2], z, 5e-7);
 }
 
 static void test_mapping_points(void)
@@ -860,7 +860,7 @@ static void test_mapping_points(void)
     CHECK(dir_is(NAN, 0.5f, 1, 0, 0) && dir_is(0, NAN, 0, 0, 1), "NaN counts as 0");
     CHECK(dir_is(0, INFINITY, 0, 0, -1) && dir_is(0, -INFINITY, 0, 0, 1), "infinite v");
     envsamp_uv_to_dir((envsamp_mapping)77, 0.2f, 0.2f, dir);
-    CHECK(dir[0] == 0.0f && dir[1] == 0.0f && dir[2] == 0.0f, "unknown mappings give zero");
+    CHECK(IS(dir[0], 0.0f) && IS(dir[1], 0.0f) && IS(dir[2], 0.0f), "unknown mappings give zero");
 }
 
 /* ---- lookup ---- */
@@ -885,7 +885,7 @@ static float lookup(int bilinear, double u, double v)
 
 static int lookup_is(int bilinear, double u, double v, double expected)
 {
-    return fabs((double)lookup(bilinear, u, v) - expected) <= 1e-5 * (expected + 16.0);
+    return IS_NEAR(lookup(bilinear, u, v), expected, 1e-5 * (expected + 16.0));
 }
 
 static void test_lookup(void)
@@ -926,23 +926,24 @@ static void test_lookup_values(void)
     float rgb[3];
 
     envsamp_lookup(&one, 0, across, rgb);
-    CHECK(rgb[0] == 3.0f && rgb[1] == 3.0f && rgb[2] == 3.0f, "one channel gives three, 1x1");
+    CHECK(IS(rgb[0], 3.0f) && IS(rgb[1], 3.0f) && IS(rgb[2], 3.0f), "one channel gives three, 1x1");
     envsamp_lookup(&one, 1, zero, rgb);
-    CHECK(rgb[0] == 3.0f, "the zero vector looks up");
+    CHECK(IS(rgb[0], 3.0f), "the zero vector looks up");
     envsamp_lookup(&one, 0, none, rgb);
     CHECK(rgb[0] >= 0.0f && rgb[0] <= 3.01f, "NaN stays in the map");
     envsamp_lookup(&rgb_map, 1, across, rgb);
-    CHECK(rgb[0] == 0.0f && rgb[1] == 0.0f && rgb[2] == 0.0f, "NaN makes a pixel black");
+    CHECK(IS(rgb[0], 0.0f) && IS(rgb[1], 0.0f) && IS(rgb[2], 0.0f), "NaN makes a pixel black");
     pixels[3] = 7.0f;
     envsamp_lookup(&rgb_map, 1, back, rgb);
-    CHECK(rgb[0] == 7.0f && rgb[1] == 0.0f && rgb[2] == 2.0f, "a negative channel counts as 0");
+    CHECK(IS(rgb[0], 7.0f) && IS(rgb[1], 0.0f) && IS(rgb[2], 2.0f),
+          "a negative channel counts as 0");
 }
 
 /* ---- small things ---- */
 
 static int near(float a, float b)
 {
-    return fabsf(a - b) <= 1e-6f * fabsf(b);
+    return IS_NEAR(a, b, 1e-6 * fabs((double)b));
 }
 
 static void test_mis_power(void)
@@ -951,15 +952,16 @@ static void test_mis_power(void)
 
     CHECK(near(envsamp_mis_power(1, 1), 0.5f) && near(envsamp_mis_power(3, 1), 0.9f)
           && near(envsamp_mis_power(1, 3), 0.1f), "squares over the sum of squares");
-    CHECK(envsamp_mis_power(0, 0) == 0.0f && envsamp_mis_power(0, 5) == 0.0f
-          && envsamp_mis_power(5, 0) == 1.0f, "zeros");
-    CHECK(envsamp_mis_power(inf, 1) == 1.0f && envsamp_mis_power(1, inf) == 0.0f
-          && envsamp_mis_power(inf, inf) == 0.5f && envsamp_mis_power(0, inf) == 0.0f,
+    CHECK(IS(envsamp_mis_power(0, 0), 0.0f) && IS(envsamp_mis_power(0, 5), 0.0f)
+          && IS(envsamp_mis_power(5, 0), 1.0f), "zeros");
+    CHECK(IS(envsamp_mis_power(inf, 1), 1.0f) && IS(envsamp_mis_power(1, inf), 0.0f)
+          && IS(envsamp_mis_power(inf, inf), 0.5f) && IS(envsamp_mis_power(0, inf), 0.0f),
           "infinities");
     CHECK(near(envsamp_mis_power(3e30f, 1e30f), 0.9f)
           && near(envsamp_mis_power(FLT_MAX, FLT_MAX), 0.5f), "squares that overflow");
     CHECK(near(envsamp_mis_power(3e-30f, 1e-30f), 0.9f), "squares that vanish");
-    CHECK(envsamp_mis_power(FLT_MAX, 1e-30f) == 1.0f && envsamp_mis_power(1e-30f, FLT_MAX) == 0.0f,
+    CHECK(IS(envsamp_mis_power(FLT_MAX, 1e-30f), 1.0f)
+          && IS(envsamp_mis_power(1e-30f, FLT_MAX), 0.0f),
           "far apart");
 }
 
@@ -976,10 +978,11 @@ static void test_small_functions(void)
 
         missing += !words || !words[0];
     }
-    CHECK(!missing, "every result has words");
+    CHECK(IS(missing, 0), "every result has words");
     CHECK(strcmp(envsamp_result_string(ENVSAMP_ERR_BLACK),
                  envsamp_result_string(ENVSAMP_ERR_VALUE)) != 0, "of its own");
-    CHECK(desc.block_count == 6144 && desc.mis_compensation == 0.0f && !desc.strict, "defaults");
+    CHECK(IS(desc.block_count, 6144) && IS(desc.mis_compensation, 0.0f) && !desc.strict,
+          "defaults");
 }
 
 static void test_null_description(void)
@@ -996,14 +999,14 @@ static void test_null_description(void)
     map_make("studio", 64, 32, &map);
     view = kd_image(map.rgb, 64, 32, 3);
     kd_fixture_build(&f, &view, &desc);
-    CHECK(envsamp_kd_sizes(&view, NULL, &sizes) == ENVSAMP_OK
+    CHECK(IS(envsamp_kd_sizes(&view, NULL, &sizes), ENVSAMP_OK)
           && kd_bits_equal(&sizes, &f.sizes, sizeof sizes), "no description: sizes of defaults");
     view.pixels = NULL;
-    CHECK(envsamp_kd_sizes(&view, NULL, &sizes) == ENVSAMP_OK, "sizes need no pixels");
+    CHECK(IS(envsamp_kd_sizes(&view, NULL, &sizes), ENVSAMP_OK), "sizes need no pixels");
     view.pixels = map.rgb;
-    CHECK(f.kd && envsamp_kd_invert(f.kd, dir, u) == 1, "WARP, the default, inverts");
+    CHECK(f.kd && IS(envsamp_kd_invert(f.kd, dir, u), 1), "WARP, the default, inverts");
     memset(f.table.buffer.data, 0, f.table.buffer.bytes);
-    CHECK(envsamp_kd_build(&view, NULL, f.table.buffer, f.scratch.buffer, &kd) == ENVSAMP_OK
+    CHECK(IS(envsamp_kd_build(&view, NULL, f.table.buffer, f.scratch.buffer, &kd), ENVSAMP_OK)
           && kd && envsamp_kd_pdf(kd, dir) > 0.0f, "no description: a table of defaults");
     kd_fixture_free(&f);
     image_free(&map);

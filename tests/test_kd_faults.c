@@ -507,7 +507,7 @@ static void test_bad_pixels(int channels, envsamp_kd_select select)
     kd_fixture_build(&b, &mended_map, &desc);
     CHECK(a.result == ENVSAMP_OK && a.info.bad_pixel_count == count,
           "%d channels: %lu bad pixels are counted", channels, (unsigned long)count);
-    CHECK(b.result == ENVSAMP_OK && b.info.bad_pixel_count == 0, "-0 is not one of them");
+    CHECK(IS(b.result, ENVSAMP_OK) && IS(b.info.bad_pixel_count, 0), "-0 is not one of them");
     CHECK(tables_sample_equal(&a, &b) && a.info.integral == b.info.integral
           && a.info.excess_variance == b.info.excess_variance,
           "bad pixels count as black, negative channels as 0");
@@ -516,8 +516,8 @@ static void test_bad_pixels(int channels, envsamp_kd_select select)
     desc.strict = 1;
     kd_fixture_build(&a, &bad_map, &desc);
     kd_fixture_build(&b, &mended_map, &desc);
-    CHECK(a.result == ENVSAMP_ERR_VALUE && !a.kd && kd_fixture_intact(&a), "strict refuses them");
-    CHECK(b.result == ENVSAMP_OK, "and takes a map without");
+    CHECK(IS(a.result, ENVSAMP_ERR_VALUE) && !a.kd && kd_fixture_intact(&a), "strict refuses them");
+    CHECK(IS(b.result, ENVSAMP_OK), "and takes a map without");
     kd_fixture_free(&a);
     kd_fixture_free(&b);
 }
@@ -759,10 +759,10 @@ static int build_refused(const kd_fixture *f, const envsamp_image *map, envsamp_
 {
     const envsamp_kd *kd = (const envsamp_kd *)f->table.buffer.data;
     const envsamp_result result = envsamp_kd_build(map, &f->desc, table, scratch, &kd);
-    int good = result == expected && !kd && kd_fixture_intact(f);
+    int good = IS(result, expected) && !kd && kd_fixture_intact(f);
 
-    good &= envsamp_kd_open(f->table.buffer.data, f->table.buffer.bytes, &kd)
-         == ENVSAMP_ERR_FORMAT;
+    good &= IS(envsamp_kd_open(f->table.buffer.data, f->table.buffer.bytes, &kd),
+               ENVSAMP_ERR_FORMAT);
     return good && !kd;
 }
 
@@ -806,18 +806,18 @@ static void test_null_results(void)
     kd_fixture f;
 
     kd_fixture_build(&f, &map, &desc);
-    CHECK(envsamp_kd_sizes(&map, &desc, NULL) == ENVSAMP_ERR_NULL, "sizes nowhere");
-    CHECK(envsamp_kd_sizes(NULL, &desc, &sizes) == ENVSAMP_ERR_NULL && sizes.table_bytes == 0
-          && sizes.scratch_bytes == 0, "sizes of nothing are zero");
-    CHECK(envsamp_kd_build(&map, &desc, f.table.buffer, f.scratch.buffer, NULL)
-          == ENVSAMP_ERR_NULL, "a table nowhere");
-    CHECK(envsamp_kd_get_info(NULL, &info) == ENVSAMP_ERR_NULL
-          && envsamp_kd_get_info(f.kd, NULL) == ENVSAMP_ERR_NULL, "info");
-    CHECK(envsamp_kd_get_block(NULL, 0, &block) == ENVSAMP_ERR_NULL
-          && envsamp_kd_get_block(f.kd, 0, NULL) == ENVSAMP_ERR_NULL, "a block");
-    CHECK(envsamp_kd_get_block(f.kd, -1, &block) == ENVSAMP_ERR_PARAM
-          && envsamp_kd_get_block(f.kd, f.info.block_count, &block) == ENVSAMP_ERR_PARAM
-          && envsamp_kd_get_block(f.kd, f.info.block_count - 1, &block) == ENVSAMP_OK,
+    CHECK(IS(envsamp_kd_sizes(&map, &desc, NULL), ENVSAMP_ERR_NULL), "sizes nowhere");
+    CHECK(IS(envsamp_kd_sizes(NULL, &desc, &sizes), ENVSAMP_ERR_NULL) && IS(sizes.table_bytes, 0)
+          && IS(sizes.scratch_bytes, 0), "sizes of nothing are zero");
+    CHECK(IS(envsamp_kd_build(&map, &desc, f.table.buffer, f.scratch.buffer, NULL),
+             ENVSAMP_ERR_NULL), "a table nowhere");
+    CHECK(IS(envsamp_kd_get_info(NULL, &info), ENVSAMP_ERR_NULL)
+          && IS(envsamp_kd_get_info(f.kd, NULL), ENVSAMP_ERR_NULL), "info");
+    CHECK(IS(envsamp_kd_get_block(NULL, 0, &block), ENVSAMP_ERR_NULL)
+          && IS(envsamp_kd_get_block(f.kd, 0, NULL), ENVSAMP_ERR_NULL), "a block");
+    CHECK(IS(envsamp_kd_get_block(f.kd, -1, &block), ENVSAMP_ERR_PARAM)
+          && IS(envsamp_kd_get_block(f.kd, f.info.block_count, &block), ENVSAMP_ERR_PARAM)
+          && IS(envsamp_kd_get_block(f.kd, f.info.block_count - 1, &block), ENVSAMP_OK),
           "blocks out of range");
     kd_fixture_free(&f);
 }
@@ -838,7 +838,7 @@ static void test_stale_table(void)
         desc.select = i < 2 ? ENVSAMP_KD_ALIAS : ENVSAMP_KD_WARP;
         desc.strict = 0;
         kd_fixture_build(&f, &map, &desc);
-        CHECK(f.kd && envsamp_kd_open(f.kd, f.table.buffer.bytes, &kd) == ENVSAMP_OK,
+        CHECK(f.kd && IS(envsamp_kd_open(f.kd, f.table.buffer.bytes, &kd), ENVSAMP_OK),
               "a table that opens");
         f.desc.strict = strict;
         for (k = 0; k < 16 * 8 * 3; k++)

@@ -108,7 +108,7 @@ static int build_with(const kd_fixture *f, envsamp_buffer table, envsamp_buffer 
     const envsamp_kd *kd = f->kd;
     const envsamp_result result = envsamp_kd_build(&f->image, &f->desc, table, scratch, &kd);
 
-    return result == expected && !kd == (expected != ENVSAMP_OK) && kd_fixture_intact(f);
+    return IS(result, expected) && !kd == (expected != ENVSAMP_OK) && kd_fixture_intact(f);
 }
 
 static void test_exact_sizes(int kind, int width, int height, int blocks)
@@ -132,7 +132,7 @@ static void test_exact_sizes(int kind, int width, int height, int blocks)
     memset(table.data, 0x3c, table.bytes);
     table.bytes--;
     CHECK(build_with(&f, table, scratch, ENVSAMP_ERR_MEMORY), "one byte of table less is refused");
-    CHECK(envsamp_kd_open(table.data, f.table.buffer.bytes, &kd) == ENVSAMP_ERR_FORMAT && !kd,
+    CHECK(IS(envsamp_kd_open(table.data, f.table.buffer.bytes, &kd), ENVSAMP_ERR_FORMAT) && !kd,
           "and leaves no table");
     scratch.bytes--;
     table.bytes++;
@@ -161,14 +161,14 @@ static void test_copies(int kind)
     CHECK(whole_fingerprint(f.kd) == print, "scratch may be overwritten");
     copy = kd_guarded_make(bytes + 16, 0x11);
     memcpy(copy.buffer.data, f.kd, bytes);
-    CHECK(envsamp_kd_open(copy.buffer.data, bytes, &kd) == ENVSAMP_OK && kd, "a copy opens");
-    CHECK(envsamp_kd_open(copy.buffer.data, bytes + 16, &kd) == ENVSAMP_OK && kd,
+    CHECK(IS(envsamp_kd_open(copy.buffer.data, bytes, &kd), ENVSAMP_OK) && kd, "a copy opens");
+    CHECK(IS(envsamp_kd_open(copy.buffer.data, bytes + 16, &kd), ENVSAMP_OK) && kd,
           "in a larger buffer too");
     memset(f.table.buffer.data, 0, f.table.buffer.bytes);
-    CHECK(kd && envsamp_kd_bytes(kd) == bytes && whole_fingerprint(kd) == print,
+    CHECK(kd && IS(envsamp_kd_bytes(kd), bytes) && whole_fingerprint(kd) == print,
           "and samples the same bits when the first is gone");
     memmove((char *)copy.buffer.data + 16, copy.buffer.data, bytes);
-    CHECK(envsamp_kd_open((char *)copy.buffer.data + 16, bytes, &kd) == ENVSAMP_OK && kd
+    CHECK(IS(envsamp_kd_open((char *)copy.buffer.data + 16, bytes, &kd), ENVSAMP_OK) && kd
           && whole_fingerprint(kd) == print, "so it does 16 bytes further on");
     CHECK(kd_guarded_intact(&copy), "opening and sampling write nothing");
     free(copy.block);
@@ -203,7 +203,7 @@ static void test_file(const char *path, int kind)
     copy = kd_guarded_make(bytes, 0);
     CHECK(write_file(path, f.kd, bytes) && read_file(path, copy.buffer.data, bytes),
           "a table goes through %s", path);
-    CHECK(envsamp_kd_open(copy.buffer.data, bytes, &kd) == ENVSAMP_OK && kd
+    CHECK(IS(envsamp_kd_open(copy.buffer.data, bytes, &kd), ENVSAMP_OK) && kd
           && whole_fingerprint(kd) == whole_fingerprint(f.kd), "and is the same");
     remove(path);
     free(copy.block);
@@ -221,8 +221,8 @@ static void test_open_errors(void)
     build_kind(&f, ALIAS, "studio", 32, 16, 20);
     bytes = envsamp_kd_bytes(f.kd);
     kd = f.kd;
-    CHECK(envsamp_kd_open(NULL, bytes, &kd) == ENVSAMP_ERR_NULL && !kd, "nothing to open");
-    CHECK(envsamp_kd_open(f.kd, bytes, NULL) == ENVSAMP_ERR_NULL, "nowhere to put it");
+    CHECK(IS(envsamp_kd_open(NULL, bytes, &kd), ENVSAMP_ERR_NULL) && !kd, "nothing to open");
+    CHECK(IS(envsamp_kd_open(f.kd, bytes, NULL), ENVSAMP_ERR_NULL), "nowhere to put it");
     copy = kd_guarded_make(bytes + 16, 0);
     for (i = 1; i < ENVSAMP_ALIGN; i++) {
         memcpy((char *)copy.buffer.data + i, f.kd, bytes);
@@ -232,9 +232,9 @@ static void test_open_errors(void)
     }
     CHECK(refused == ENVSAMP_ALIGN - 1, "a copy out of alignment is refused: %d of 7", refused);
     memset(copy.buffer.data, 0, bytes);
-    CHECK(envsamp_kd_open(copy.buffer.data, bytes, &kd) == ENVSAMP_ERR_FORMAT && !kd, "zeros");
+    CHECK(IS(envsamp_kd_open(copy.buffer.data, bytes, &kd), ENVSAMP_ERR_FORMAT) && !kd, "zeros");
     memset(copy.buffer.data, 0xff, bytes);
-    CHECK(envsamp_kd_open(copy.buffer.data, bytes, &kd) == ENVSAMP_ERR_FORMAT && !kd, "ones");
+    CHECK(IS(envsamp_kd_open(copy.buffer.data, bytes, &kd), ENVSAMP_ERR_FORMAT) && !kd, "ones");
     free(copy.block);
     kd_fixture_free(&f);
 }
@@ -432,7 +432,7 @@ static void test_mutations(const kd_fixture *f, int count, int samples)
         failed += !survives(kd, samples, &random) || !batches_survive(kd, &random)
                || !blocks_survive(kd);
     }
-    CHECK(!kept, "a refused table is not handed out");
+    CHECK(IS(kept, 0), "a refused table is not handed out");
     CHECK(!failed, "of %d damaged tables %d open, and all but %d of those sample", count, opened,
           failed);
     free(copy);
@@ -759,7 +759,8 @@ static void test_warp_refusals(void)
 
     build_kind(&f, WARP, "foliage", 64, 32, 60);
     t = trial_make(&f);
-    CHECK(kd_tile_count(f.kd) == 16 && f.info.block_count == 60, "16 tiles, 44 cuts below them");
+    CHECK(IS(kd_tile_count(f.kd), 16) && IS(f.info.block_count, 60),
+          "16 tiles, 44 cuts below them");
     test_wrong_cuts(&t);
     test_wrong_order(&t);
     test_too_deep(&t);

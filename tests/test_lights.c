@@ -972,11 +972,11 @@ static void test_optional(const envsamp_image *view)
     memset(t.lights, 0, (size_t)defaults.count * sizeof *t.lights);
     t.result = envsamp_lights(view, NULL, t.lights, 32, t.scratch.buffer, NULL);
     CHECK(!s.result && !t.result && sets_equal(&s, &t) && set_intact(&t)
-          && envsamp_lights_sizes(view, NULL, &sizes) == ENVSAMP_OK
+          && IS(envsamp_lights_sizes(view, NULL, &sizes), ENVSAMP_OK)
           && !memcmp(&sizes, &s.sizes, sizeof sizes),
           "no description is the defaults, and no info is fine");
     t.result = envsamp_lights(view, NULL, t.lights, INT_MAX, t.scratch.buffer, &t.info);
-    CHECK(!t.result && sets_equal(&s, &t) && t.info.count == 32 && set_intact(&t),
+    CHECK(!t.result && sets_equal(&s, &t) && IS(t.info.count, 32) && set_intact(&t),
           "more capacity than lights makes no more of them");
     set_free(&s);
     set_free(&t);
@@ -986,11 +986,13 @@ static void test_defaults(void)
 {
     const envsamp_lights_desc d = envsamp_lights_defaults();
 
-    CHECK(d.count == 32 && d.method == ENVSAMP_LIGHTS_RELAXED && d.seed == 0 && d.strict == 0,
+    CHECK(IS(d.count, 32) && IS(d.method, ENVSAMP_LIGHTS_RELAXED) && IS(d.seed, 0)
+          && IS(d.strict, 0),
           "defaults: 32, RELAXED, seed 0, not strict");
-    CHECK(d.percentile == 0.98f && d.lambda == 3.0f && d.gamma == 0.001f && d.mask_scale == 0.15f
-          && d.weight_variance == 1.0f && d.weight_extent == 5.0f && d.weight_energy == 1.0f
-          && d.refine_rounds == 64, "and those of DECOMPOSED");
+    CHECK(IS(d.percentile, 0.98f) && IS(d.lambda, 3.0f) && IS(d.gamma, 0.001f)
+          && IS(d.mask_scale, 0.15f)
+          && IS(d.weight_variance, 1.0f) && IS(d.weight_extent, 5.0f) && IS(d.weight_energy, 1.0f)
+          && IS(d.refine_rounds, 64), "and those of DECOMPOSED");
 }
 
 static void test_same(void)

@@ -1856,8 +1856,8 @@ static void test_interleave_arguments(void)
                                            calls[i].set_count, calls[i].extent, 0, out)
               == calls[i].expected;
     CHECK(right == number, "%d of %d calls are refused or taken rightly", right, number);
-    CHECK(envsamp_lights_interleave(NULL, 2, 0, 1, 0.1f, 0, out) == ENVSAMP_ERR_NULL
-          && envsamp_lights_interleave(lights, 2, 0, 1, 0.1f, 0, NULL) == ENVSAMP_ERR_NULL,
+    CHECK(IS(envsamp_lights_interleave(NULL, 2, 0, 1, 0.1f, 0, out), ENVSAMP_ERR_NULL)
+          && IS(envsamp_lights_interleave(lights, 2, 0, 1, 0.1f, 0, NULL), ENVSAMP_ERR_NULL),
           "no lights, or nowhere to put them");
 }
 
@@ -1876,10 +1876,10 @@ static void test_interleave(void)
     test_unlike(16);
     test_unlike(1);
     test_copies();
-    CHECK(interleaved_differ(0, 1, 4, 5, 5) == TURNED_LIGHTS
-          && interleaved_differ(1, 1, 4, 5, 6) == TURNED_LIGHTS
-          && interleaved_differ(0, 0, 1, 5, 6) == TURNED_LIGHTS
-          && interleaved_differ(2, 2, 4, 5, 5) == 0, "sets and seeds differ, a set does not");
+    CHECK(IS(interleaved_differ(0, 1, 4, 5, 5), TURNED_LIGHTS)
+          && IS(interleaved_differ(1, 1, 4, 5, 6), TURNED_LIGHTS)
+          && IS(interleaved_differ(0, 0, 1, 5, 6), TURNED_LIGHTS)
+          && IS(interleaved_differ(2, 2, 4, 5, 5), 0), "sets and seeds differ, a set does not");
     test_turn_ranges();
     test_interleave_arguments();
 }
@@ -1969,7 +1969,7 @@ static void test_fallback(void)
         set_free(&s);
         free(c.pixels);
     }
-    CHECK(right == 2, "RELAXED makes 16384 lights, and not one more");
+    CHECK(IS(right, 2), "RELAXED makes 16384 lights, and not one more");
 }
 
 /* Patterns that leave much to chance: ties everywhere. */

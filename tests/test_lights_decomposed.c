@@ -1063,7 +1063,7 @@ static void test_no_emissive(void)
         c.view.mapping = (envsamp_mapping)(k % 3);
         judge_view(&c.view, &desc, &t);
     }
-    CHECK(tally_good(&t) && t.directs == 0, "constant map: no EnvDirects");
+    CHECK(tally_good(&t) && IS(t.directs, 0), "constant map: no EnvDirects");
     check_tally("constant map", &t);
     free(c.pixels);
 }
@@ -1196,15 +1196,15 @@ static void test_bad_pixels(void)
     set_free(&s);
     desc.strict = 1;
     set_make(&s, &c.view, &desc);
-    CHECK(s.result == ENVSAMP_ERR_VALUE && set_intact(&s)
-          && mask_make(&c.view, &desc, RUBBISH, mask, NULL) == ENVSAMP_ERR_VALUE,
+    CHECK(IS(s.result, ENVSAMP_ERR_VALUE) && set_intact(&s)
+          && IS(mask_make(&c.view, &desc, RUBBISH, mask, NULL), ENVSAMP_ERR_VALUE),
           "bad pixels are refused");
     set_free(&s);
     canvas_fill(&c, 0, 0, 64, 32, -1.0f);
     desc.strict = 0;
     set_make(&s, &c.view, &desc);
-    CHECK(s.result == ENVSAMP_ERR_BLACK
-          && mask_make(&c.view, &desc, RUBBISH, mask, NULL) == ENVSAMP_ERR_BLACK, "black map");
+    CHECK(IS(s.result, ENVSAMP_ERR_BLACK)
+          && IS(mask_make(&c.view, &desc, RUBBISH, mask, NULL), ENVSAMP_ERR_BLACK), "black map");
     set_free(&s);
     free(c.pixels);
 }
@@ -1220,8 +1220,8 @@ static int all_say(const envsamp_image *view, const envsamp_lights_desc *desc,
     int right;
 
     set_make(&s, view, desc);
-    right = s.result == lights && (s.sizes.scratch_bytes > 0) == (lights == ENVSAMP_OK)
-         && s.sizes.table_bytes == 0 && mask_make(view, desc, RUBBISH, labels, NULL) == mask;
+    right = IS(s.result, lights) && (s.sizes.scratch_bytes > 0) == (lights == ENVSAMP_OK)
+         && IS(s.sizes.table_bytes, 0) && IS(mask_make(view, desc, RUBBISH, labels, NULL), mask);
     set_free(&s);
     return right;
 }
@@ -1250,7 +1250,8 @@ static void test_fields(void)
             calls++;
         }
     CHECK(right == calls, "%d of %d fields are refused or taken rightly", right, calls);
-    CHECK(ignored == calls, "%d of %d fields are refused or do not matter with other methods", ignored, calls);
+    CHECK(ignored == calls,
+          "%d of %d fields are refused or do not matter with other methods", ignored, calls);
     free(c.pixels);
 }
 
@@ -1291,7 +1292,7 @@ static void test_mask_memory(void)
           && !memcmp(masks[0], masks[1], sizeof masks[0]) && threshold > 0.0f
           && kd_guarded_intact(&scratch), "a mask in the scratch that the header says, by default");
     buffer.bytes--;
-    CHECK(envsamp_emissive_mask(&c.view, &desc, masks[0], buffer, NULL) == ENVSAMP_ERR_MEMORY,
+    CHECK(IS(envsamp_emissive_mask(&c.view, &desc, masks[0], buffer, NULL), ENVSAMP_ERR_MEMORY),
           "a mask in a byte less");
     for (i = 1; i < ENVSAMP_ALIGN; i++) {
         buffer.data = (char *)scratch.buffer.data + i;
@@ -1324,20 +1325,20 @@ static void test_mask_missing(void)
     envsamp_image view = c.view;
     uint8_t mask[64 * 32];
 
-    CHECK(envsamp_emissive_mask(NULL, NULL, mask, scratch.buffer, NULL) == ENVSAMP_ERR_NULL
-          && envsamp_emissive_mask(&view, NULL, NULL, scratch.buffer, NULL) == ENVSAMP_ERR_NULL
-          && envsamp_emissive_mask(&view, NULL, mask, none, NULL) == ENVSAMP_ERR_NULL,
+    CHECK(IS(envsamp_emissive_mask(NULL, NULL, mask, scratch.buffer, NULL), ENVSAMP_ERR_NULL)
+          && IS(envsamp_emissive_mask(&view, NULL, NULL, scratch.buffer, NULL), ENVSAMP_ERR_NULL)
+          && IS(envsamp_emissive_mask(&view, NULL, mask, none, NULL), ENVSAMP_ERR_NULL),
           "a mask of nothing, into nothing, without scratch");
     view.pixels = NULL;
-    CHECK(envsamp_emissive_mask(&view, NULL, mask, scratch.buffer, NULL) == ENVSAMP_ERR_NULL,
+    CHECK(IS(envsamp_emissive_mask(&view, NULL, mask, scratch.buffer, NULL), ENVSAMP_ERR_NULL),
           "a mask of no pixels");
     view = c.view;
     view.width = 0;
-    CHECK(envsamp_emissive_mask(&view, NULL, mask, scratch.buffer, NULL) == ENVSAMP_ERR_SIZE,
+    CHECK(IS(envsamp_emissive_mask(&view, NULL, mask, scratch.buffer, NULL), ENVSAMP_ERR_SIZE),
           "a mask of no columns");
     view = c.view;
     view.mapping = (envsamp_mapping)3;
-    CHECK(envsamp_emissive_mask(&view, NULL, mask, scratch.buffer, NULL) == ENVSAMP_ERR_PARAM,
+    CHECK(IS(envsamp_emissive_mask(&view, NULL, mask, scratch.buffer, NULL), ENVSAMP_ERR_PARAM),
           "a mask of no mapping");
     free(scratch.block);
     free(c.pixels);
@@ -1355,10 +1356,10 @@ static void test_memory(void)
     set_make(&s, &c.view, &desc);
     less = s.scratch.buffer;
     less.bytes--;
-    CHECK(s.result == ENVSAMP_OK && set_intact(&s)
-          && envsamp_lights(&c.view, &desc, s.lights, 9, less, NULL) == ENVSAMP_ERR_MEMORY
-          && envsamp_lights(&c.view, &desc, s.lights, 8, s.scratch.buffer, NULL)
-             == ENVSAMP_ERR_MEMORY, "just enough scratch, a byte less, a light less");
+    CHECK(IS(s.result, ENVSAMP_OK) && set_intact(&s)
+          && IS(envsamp_lights(&c.view, &desc, s.lights, 9, less, NULL), ENVSAMP_ERR_MEMORY)
+          && IS(envsamp_lights(&c.view, &desc, s.lights, 8, s.scratch.buffer, NULL),
+             ENVSAMP_ERR_MEMORY), "just enough scratch, a byte less, a light less");
     for (i = 1; i < ENVSAMP_ALIGN; i++) {
         less.data = (char *)s.scratch.buffer.data + i;
         less.bytes = s.scratch.buffer.bytes;
@@ -1366,9 +1367,9 @@ static void test_memory(void)
     }
     CHECK(right == ENVSAMP_ALIGN - 1 && set_intact(&s), "scratch not aligned: %d of 7 refused",
           right);
-    CHECK(envsamp_lights(NULL, &desc, s.lights, 9, s.scratch.buffer, NULL) == ENVSAMP_ERR_NULL
-          && envsamp_lights(&c.view, &desc, NULL, 9, s.scratch.buffer, NULL) == ENVSAMP_ERR_NULL
-          && envsamp_lights(&c.view, &desc, s.lights, 9, none, NULL) == ENVSAMP_ERR_NULL,
+    CHECK(IS(envsamp_lights(NULL, &desc, s.lights, 9, s.scratch.buffer, NULL), ENVSAMP_ERR_NULL)
+          && IS(envsamp_lights(&c.view, &desc, NULL, 9, s.scratch.buffer, NULL), ENVSAMP_ERR_NULL)
+          && IS(envsamp_lights(&c.view, &desc, s.lights, 9, none, NULL), ENVSAMP_ERR_NULL),
           "no image, no lights, no scratch");
     set_free(&s);
     free(c.pixels);

@@ -493,12 +493,12 @@ static void test_null(void)
     envsamp_buffer scratch = scratch_of(64), none = {NULL, 64};
     double params[2] = {-1.2, 1.0};
 
-    CHECK(envsamp_lm(NULL, rosenbrock, NULL, params, scratch, NULL) == ENVSAMP_ERR_NULL, "desc");
-    CHECK(envsamp_lm(&desc, NULL, NULL, params, scratch, NULL) == ENVSAMP_ERR_NULL, "fn");
-    CHECK(envsamp_lm(&desc, rosenbrock, NULL, NULL, scratch, NULL) == ENVSAMP_ERR_NULL, "params");
-    CHECK(envsamp_lm(&desc, rosenbrock, NULL, params, none, NULL) == ENVSAMP_ERR_NULL, "scratch");
-    CHECK(envsamp_lm_scratch_bytes(NULL) == 0, "no bytes for a NULL desc");
-    CHECK(envsamp_lm(&desc, rosenbrock, NULL, params, scratch, NULL) == ENVSAMP_OK, "NULL info");
+    CHECK(IS(envsamp_lm(NULL, rosenbrock, NULL, params, scratch, NULL), ENVSAMP_ERR_NULL), "desc");
+    CHECK(IS(envsamp_lm(&desc, NULL, NULL, params, scratch, NULL), ENVSAMP_ERR_NULL), "fn");
+    CHECK(IS(envsamp_lm(&desc, rosenbrock, NULL, NULL, scratch, NULL), ENVSAMP_ERR_NULL), "params");
+    CHECK(IS(envsamp_lm(&desc, rosenbrock, NULL, params, none, NULL), ENVSAMP_ERR_NULL), "scratch");
+    CHECK(IS(envsamp_lm_scratch_bytes(NULL), 0), "no bytes for a NULL desc");
+    CHECK(IS(envsamp_lm(&desc, rosenbrock, NULL, params, scratch, NULL), ENVSAMP_OK), "NULL info");
 }
 
 static void check_param_error(envsamp_lm_desc desc, const char *what)
@@ -546,12 +546,12 @@ static void test_bad_values(void)
     double params[2] = {1.0, 2.0};
     envsamp_result result;
 
-    CHECK(run_rosenbrock(desc, (double)NAN) == ENVSAMP_ERR_VALUE, "a NaN start");
-    CHECK(run_rosenbrock(desc, (double)INFINITY) == ENVSAMP_ERR_VALUE, "an infinite start");
-    CHECK(run_rosenbrock(desc, 1e300) == ENVSAMP_ERR_VALUE, "infinite residuals at the start");
+    CHECK(IS(run_rosenbrock(desc, (double)NAN), ENVSAMP_ERR_VALUE), "a NaN start");
+    CHECK(IS(run_rosenbrock(desc, (double)INFINITY), ENVSAMP_ERR_VALUE), "an infinite start");
+    CHECK(IS(run_rosenbrock(desc, 1e300), ENVSAMP_ERR_VALUE), "infinite residuals at the start");
     result = envsamp_lm(&desc, overflowing, NULL, params, scratch_of(64), &info);
-    CHECK(result == ENVSAMP_ERR_VALUE, "a sum of squares that overflows");
-    CHECK(params[0] >= 1.0 && params[0] <= 1.0 && info.iterations == -7 && info.cost <= -7.0,
+    CHECK(IS(result, ENVSAMP_ERR_VALUE), "a sum of squares that overflows");
+    CHECK(params[0] >= 1.0 && params[0] <= 1.0 && IS(info.iterations, -7) && info.cost <= -7.0,
           "an error leaves params and info alone");
 }
 
@@ -565,13 +565,13 @@ static void test_scratch_size(void)
     double params[3] = {1.0, 1.0, 1.0};
 
     CHECK(envsamp_lm_scratch_bytes(&huge) == 65536u * 10u * sizeof(double), "8 m (n + 2) bytes");
-    CHECK(envsamp_lm(&desc, bard, NULL, params, scratch, NULL) == ENVSAMP_OK, "exact size");
+    CHECK(IS(envsamp_lm(&desc, bard, NULL, params, scratch, NULL), ENVSAMP_OK), "exact size");
     scratch.bytes = bytes - 1;
-    CHECK(envsamp_lm(&desc, bard, NULL, params, scratch, NULL) == ENVSAMP_ERR_MEMORY,
+    CHECK(IS(envsamp_lm(&desc, bard, NULL, params, scratch, NULL), ENVSAMP_ERR_MEMORY),
           "one byte less");
     scratch.bytes = bytes;
     scratch.data = (char *)scratch_start() + 4;
-    CHECK(envsamp_lm(&desc, bard, NULL, params, scratch, NULL) == ENVSAMP_ERR_ALIGN,
+    CHECK(IS(envsamp_lm(&desc, bard, NULL, params, scratch, NULL), ENVSAMP_ERR_ALIGN),
           "4 bytes off alignment");
 }
 
@@ -631,7 +631,8 @@ static void test_walls(void)
     result = envsamp_lm(&desc, walled_line, &wall, params, scratch_of(64), &info);
     CHECK(result == ENVSAMP_OK && info.cost <= ZERO_COST && info.converged,
           "a minimum before a wall is reached: cost %g by %d calls", info.cost, info.evaluations);
-    CHECK(fabs(params[0] - 2.0) < 1e-9 && fabs(params[1] - 1.0) < 1e-9, "and it is the right one");
+    CHECK(IS_NEAR(params[0], 2.0, 1e-9) && IS_NEAR(params[1], 1.0, 1e-9),
+          "and it is the right one");
 
     params[0] = wall = 3.0;  /* forward differences land in the wall: backward ones serve */
     params[1] = -30.0;
@@ -653,7 +654,7 @@ static void test_no_derivative(void)
     envsamp_result result;
 
     result = envsamp_lm(&desc, nowhere_but_here, &here, params, scratch_of(64), &info);
-    CHECK(result == ENVSAMP_OK && !info.converged && info.cost >= 9.0 && info.cost <= 9.0,
+    CHECK(IS(result, ENVSAMP_OK) && !info.converged && info.cost >= 9.0 && info.cost <= 9.0,
           "no finite neighbour: not called converged");
     CHECK(params[0] >= 0.5 && params[0] <= 0.5, "and params are as given");
 }
@@ -823,8 +824,8 @@ static void test_scale(void)
     (void)envsamp_lm(&unused, unused_parameter, NULL, params, scratch_of(1024), &info);
     CHECK(info.converged && fabs(params[0] - 3.0) < 1e-9, "a start next to zero: %g", info.cost);
     params[1] = (double)NAN;
-    CHECK(envsamp_lm(&unused, unused_parameter, NULL, params, scratch_of(1024), &info)
-          == ENVSAMP_ERR_VALUE, "a dead parameter that starts as NaN");
+    CHECK(IS(envsamp_lm(&unused, unused_parameter, NULL, params, scratch_of(1024), &info),
+             ENVSAMP_ERR_VALUE), "a dead parameter that starts as NaN");
     (void)envsamp_lm(&tiny, tiny_units, NULL, x, scratch_of(1024), &info);
     CHECK(info.converged && fabs(x[0] * 1e9 - 2.0) < 1e-9 && fabs(x[1] * 1e-9 - 5.0) < 1e-9,
           "units 18 decades apart: %g %g", x[0], x[1]);

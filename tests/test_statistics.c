@@ -91,8 +91,8 @@ static void test_chi2_table(void)
     CHECK(fabs(p05 - 0.05) < 1e-9, "5 %% point of dof 5: %.12f", p05);
     CHECK(fabs(p01 - 0.01) < 1e-9, "1 %% point of dof 100: %.12f", p01);
     CHECK(fraction < 0.0 && fraction > -1e-9, "a fractional dof falls, by %.2e", fraction);
-    CHECK(stat_chi2_survival(0.0, 7.0) == 1.0, "all mass lies above 0");
-    CHECK(stat_chi2_survival((double)INFINITY, 7.0) == 0.0, "none lies above infinity");
+    CHECK(IS(stat_chi2_survival(0.0, 7.0), 1.0), "all mass lies above 0");
+    CHECK(IS(stat_chi2_survival((double)INFINITY, 7.0), 0.0), "none lies above infinity");
     CHECK(isnan(stat_chi2_survival(1.0, 0.0)), "dof 0 is NaN");
     CHECK(isnan(stat_chi2_survival((double)NAN, 7.0)), "a NaN stays one");
 }
@@ -102,7 +102,7 @@ static void test_normal(void)
     double p = stat_normal_survival(1.959963984540054);
     double tail = stat_normal_survival(7.034483825301131);
 
-    CHECK(stat_normal_survival(0.0) == 0.5, "half lies above 0");
+    CHECK(IS(stat_normal_survival(0.0), 0.5), "half lies above 0");
     CHECK(fabs(p - 0.025) < 1e-12, "2.5 %% lie above 1.96: %.15f", p);
     CHECK(relative_error(tail, 1e-12) < 1e-9, "1e-12 lie above 7.03: %.12e", tail);
     CHECK(relative_error(2.0 * stat_normal_survival(3.0), stat_chi2_survival(9.0, 1.0)) < 1e-10,
@@ -143,7 +143,7 @@ static void test_chi2_arithmetic(void)
     CHECK(fabs(result.chi2 - 1.5) < 1e-12, "10^2/100 + 10^2/200 is %g", result.chi2);
     CHECK(result.dof == 2.0 && result.cells == 3, "3 cells, dof %g", result.dof);
     CHECK(fabs(result.p - exp(-0.75)) < 1e-12, "p is exp(-3/4): %.12f", result.p);
-    CHECK(result.pass && result.pooled_mass == 0.0, "it passes, nothing pooled");
+    CHECK(result.pass && IS(result.pooled_mass, 0.0), "it passes, nothing pooled");
 }
 
 static void test_chi2_accepts_and_rejects(void)
@@ -172,7 +172,7 @@ static void test_chi2_zero_cell(void)
     double expected[] = { 1.0, 0.0, 1.0 }, observed[] = { 500000.0, 0.0, 500000.0 };
     stat_result result = stat_chi2_test(expected, observed, 3, NULL);
 
-    CHECK(result.pass && result.cells == 2, "a dark cell without hits is left out");
+    CHECK(result.pass && IS(result.cells, 2), "a dark cell without hits is left out");
     observed[1] = 1.0;
     result = stat_chi2_test(expected, observed, 3, NULL);
     CHECK(result.verdict == STAT_ZERO_CELL_HIT && !result.pass, "one hit in a million there: %s",
@@ -200,7 +200,7 @@ static void test_chi2_pooling(void)
     stat_options options = stat_defaults();
     stat_result result = pooled_test(0.049, 0.0, NULL);
 
-    CHECK(result.pass && fabs(result.pooled_mass - 0.049) < 1e-12, "4.9 %% may be pooled");
+    CHECK(result.pass && IS_NEAR(result.pooled_mass, 0.049, 1e-12), "4.9 %% may be pooled");
     CHECK(result.cells == 1 + 39, "399 dark cells make 39 beside the bright one: %d",
           (int)result.cells);
     result = pooled_test(0.051, 0.0, NULL);
@@ -220,7 +220,8 @@ static void test_chi2_leftover(void)
     static const double expected[] = { 600.0, 390.0, 10.0 }, observed[] = { 600.0, 370.0, 30.0 };
     stat_result result = stat_chi2_test(expected, observed, 3, NULL);
 
-    CHECK(result.cells == 2 && fabs(result.chi2) < 1e-12, "the leftover joins its neighbour");
+    CHECK(IS(result.cells, 2) && IS_NEAR(result.chi2, 0.0, 1e-12),
+          "the leftover joins its neighbour");
     result = stat_chi2_test(expected + 1, observed + 1, 2, NULL);
     CHECK(result.verdict == STAT_TOO_FEW_SAMPLES, "one cell after pooling: %s",
           stat_verdict_string(result.verdict));
@@ -231,16 +232,16 @@ static void test_chi2_one_lit_cell(void)
     double expected[] = { 0.0, 3.0, 0.0 }, observed[] = { 0.0, 1000.0, 0.0 };
     stat_result result = stat_chi2_test(expected, observed, 3, NULL);
 
-    CHECK(result.pass && result.dof == 0.0 && result.p == 1.0, "a lone lit cell passes");
+    CHECK(result.pass && IS(result.dof, 0.0) && IS(result.p, 1.0), "a lone lit cell passes");
     observed[1] = 49.0;
     result = stat_chi2_test(expected, observed, 3, NULL);
-    CHECK(result.verdict == STAT_TOO_FEW_SAMPLES, "not with 49 samples");
+    CHECK(IS(result.verdict, STAT_TOO_FEW_SAMPLES), "not with 49 samples");
     observed[1] = 0.0;
     result = stat_chi2_test(expected, observed, 3, NULL);
-    CHECK(result.verdict == STAT_TOO_FEW_SAMPLES, "not with none");
+    CHECK(IS(result.verdict, STAT_TOO_FEW_SAMPLES), "not with none");
     observed[2] = 1.0;
     result = stat_chi2_test(expected, observed, 3, NULL);
-    CHECK(result.verdict == STAT_ZERO_CELL_HIT, "and not with one elsewhere");
+    CHECK(IS(result.verdict, STAT_ZERO_CELL_HIT), "and not with one elsewhere");
 }
 
 static void test_chi2_bad_input(void)
@@ -249,15 +250,15 @@ static void test_chi2_bad_input(void)
     static const double negative[] = { 300.0, -100.0 };
     double broken[] = { 100.0, 0.0 };
 
-    CHECK(stat_chi2_test(zero, zero, 2, NULL).verdict == STAT_BAD_INPUT, "no mass");
-    CHECK(stat_chi2_test(good, negative, 2, NULL).verdict == STAT_BAD_INPUT, "negative hits");
-    CHECK(stat_chi2_test(negative, good, 2, NULL).verdict == STAT_BAD_INPUT, "negative mass");
-    CHECK(stat_chi2_test(good, good, 0, NULL).verdict == STAT_BAD_INPUT, "no cells");
+    CHECK(IS(stat_chi2_test(zero, zero, 2, NULL).verdict, STAT_BAD_INPUT), "no mass");
+    CHECK(IS(stat_chi2_test(good, negative, 2, NULL).verdict, STAT_BAD_INPUT), "negative hits");
+    CHECK(IS(stat_chi2_test(negative, good, 2, NULL).verdict, STAT_BAD_INPUT), "negative mass");
+    CHECK(IS(stat_chi2_test(good, good, 0, NULL).verdict, STAT_BAD_INPUT), "no cells");
     broken[1] = (double)NAN;
-    CHECK(stat_chi2_test(broken, good, 2, NULL).verdict == STAT_BAD_INPUT, "a NaN mass");
-    CHECK(stat_chi2_test(good, broken, 2, NULL).verdict == STAT_BAD_INPUT, "a NaN count");
+    CHECK(IS(stat_chi2_test(broken, good, 2, NULL).verdict, STAT_BAD_INPUT), "a NaN mass");
+    CHECK(IS(stat_chi2_test(good, broken, 2, NULL).verdict, STAT_BAD_INPUT), "a NaN count");
     broken[1] = (double)INFINITY;
-    CHECK(stat_chi2_test(broken, good, 2, NULL).verdict == STAT_BAD_INPUT, "an infinite mass");
+    CHECK(IS(stat_chi2_test(broken, good, 2, NULL).verdict, STAT_BAD_INPUT), "an infinite mass");
 }
 
 static int ascending(const void *a, const void *b)
@@ -299,8 +300,8 @@ static void test_sidak(void)
 {
     double each = stat_sidak(0.05, 10);
 
-    CHECK(fabs(stat_sidak(0.05, 1) - 0.05) < 1e-16, "one test");
-    CHECK(fabs(1.0 - pow(1.0 - each, 10.0) - 0.05) < 1e-14, "ten together reject at 5 %%");
+    CHECK(IS_NEAR(stat_sidak(0.05, 1), 0.05, 1e-16), "one test");
+    CHECK(IS_NEAR(1.0 - pow(1.0 - each, 10.0), 0.05, 1e-14), "ten together reject at 5 %%");
     CHECK(each > 0.05 / 10.0 && each < 0.0052, "each at a little above 0.5 %%: %.6f", each);
     CHECK(relative_error(stat_sidak(1e-15, 1000000), 1e-21) < 1e-12, "tiny levels survive");
 }
@@ -317,10 +318,10 @@ static void test_moments(void)
         stat_moments_add(&small, values[i]);
         stat_moments_add(&shifted, values[i] + 1e9);
         if (i == 0)
-            CHECK(stat_moments_variance(&small) == 0.0, "one value has variance 0");
+            CHECK(IS(stat_moments_variance(&small), 0.0), "one value has variance 0");
     }
     CHECK(fabs(small.mean - 5.0) < 1e-14, "mean %.15f", small.mean);
-    CHECK(fabs(stat_moments_variance(&small) - 32.0 / 7.0) < 1e-14, "variance 32/7");
+    CHECK(IS_NEAR(stat_moments_variance(&small), 32.0 / 7.0, 1e-14), "variance 32/7");
     CHECK(relative_error(stat_moments_variance(&shifted), 32.0 / 7.0) < 1e-6,
           "an offset of 1e9 keeps it: %.9f", stat_moments_variance(&shifted));
 }
@@ -333,7 +334,7 @@ static void test_mean(void)
     int i;
 
     random_state = 3;
-    CHECK(stat_mean_test(&moments, 0.0, 0.0) == 0.0, "no values are no pass");
+    CHECK(IS(stat_mean_test(&moments, 0.0, 0.0), 0.0), "no values are no pass");
     for (i = 0; i < SAMPLES; i++) {
         double x = random_unit();
 
@@ -346,12 +347,12 @@ static void test_mean(void)
     p = stat_mean_test(&moments, moments.mean + 2e-4, 0.0);
     CHECK(fabs(p - erfc(2e-4 / sqrt(2.0 * stat_moments_variance(&moments) / SAMPLES))) < 1e-9,
           "the p-value is two-sided: %.3f", p);
-    CHECK(stat_mean_test(&moments, (double)NAN, 0.0) == 0.0, "a NaN is no pass");
+    CHECK(IS(stat_mean_test(&moments, (double)NAN, 0.0), 0.0), "a NaN is no pass");
     for (i = 0; i < 10; i++)
         stat_moments_add(&constant, 2.0);
-    CHECK(stat_mean_test(&constant, 2.0, 0.0) == 1.0, "a constant has its own mean");
-    CHECK(stat_mean_test(&constant, 2.0 + 1e-9, 0.0) == 0.0, "and no other");
-    CHECK(stat_mean_test(&constant, 2.0 + 1e-9, 1e-8) == 1.0, "but for the tolerance");
+    CHECK(IS(stat_mean_test(&constant, 2.0, 0.0), 1.0), "a constant has its own mean");
+    CHECK(IS(stat_mean_test(&constant, 2.0 + 1e-9, 0.0), 0.0), "and no other");
+    CHECK(IS(stat_mean_test(&constant, 2.0 + 1e-9, 1e-8), 1.0), "but for the tolerance");
 }
 
 static void test_total_variation(void)
@@ -359,9 +360,9 @@ static void test_total_variation(void)
     static const double a[] = { 1.0, 1.0, 0.0, 0.0 }, b[] = { 0.0, 0.0, 3.0, 3.0 };
     static const double c[] = { 2.0, 4.0, 2.0, 0.0 }, zero[] = { 0.0, 0.0, 0.0, 0.0 };
 
-    CHECK(stat_total_variation(a, a, 4) == 0.0, "nothing lies between a vector and itself");
-    CHECK(stat_total_variation(a, b, 4) == 1.0, "disjoint vectors are 1 apart");
-    CHECK(fabs(stat_total_variation(a, c, 4) - 0.25) < 1e-15, "and those a quarter");
+    CHECK(IS(stat_total_variation(a, a, 4), 0.0), "nothing lies between a vector and itself");
+    CHECK(IS(stat_total_variation(a, b, 4), 1.0), "disjoint vectors are 1 apart");
+    CHECK(IS_NEAR(stat_total_variation(a, c, 4), 0.25, 1e-15), "and those a quarter");
     CHECK(isnan(stat_total_variation(a, zero, 4)), "a vector without mass is NaN");
 }
 
@@ -370,10 +371,10 @@ static void test_ks(void)
     static const double even[] = { 0.125, 0.375, 0.625, 0.875 }, low[] = { 0.0, 0.1, 0.2, 0.3 };
     static const double high[] = { 0.7, 0.8, 0.9, 1.0 };
 
-    CHECK(fabs(stat_ks_distance(even, 4) - 0.125) < 1e-15, "even spacing is half a step off");
-    CHECK(fabs(stat_ks_distance(low, 4) - 0.7) < 1e-15, "low values are seen");
-    CHECK(fabs(stat_ks_distance(high, 4) - 0.7) < 1e-15, "high values are seen");
-    CHECK(fabs(stat_ks_bound(200, 2.0 * exp(-4.0)) - 0.1) < 1e-12, "the bound of 200 values");
+    CHECK(IS_NEAR(stat_ks_distance(even, 4), 0.125, 1e-15), "even spacing is half a step off");
+    CHECK(IS_NEAR(stat_ks_distance(low, 4), 0.7, 1e-15), "low values are seen");
+    CHECK(IS_NEAR(stat_ks_distance(high, 4), 0.7, 1e-15), "high values are seen");
+    CHECK(IS_NEAR(stat_ks_bound(200, 2.0 * exp(-4.0)), 0.1, 1e-12), "the bound of 200 values");
 }
 
 int main(void)

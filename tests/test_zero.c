@@ -283,10 +283,11 @@ static void test_halftone(void)
           "halftone: zeros are SZIRMAY, CELLS, and a texel may repeat: %d do", repeats);
     said.once = 1;
     envsamp_halftone(map.pixels, WIDTH, HEIGHT, 0, &said, b, 50, &count[1], scratch.buffer);
-    CHECK(count[1] == 50 && memcmp(a, b, sizeof a), "halftone: rejected: once is not the default");
+    CHECK(IS(count[1], 50) && memcmp(a, b, sizeof a),
+          "halftone: rejected: once is not the default");
     zeros.count = 0;
-    CHECK(envsamp_halftone(map.pixels, WIDTH, HEIGHT, 0, &zeros, a, 50, &count[0], scratch.buffer)
-          == ENVSAMP_ERR_PARAM, "halftone: a count has no default");
+    CHECK(IS(envsamp_halftone(map.pixels, WIDTH, HEIGHT, 0, &zeros, a, 50, &count[0],
+             scratch.buffer), ENVSAMP_ERR_PARAM), "halftone: a count has no default");
     free(scratch.block);
 }
 
@@ -305,7 +306,7 @@ static envsamp_lm_info solve(const envsamp_lm_desc *desc, double *params)
     memset(&info, 0, sizeof info);
     params[0] = -1.2;
     params[1] = 1.0;
-    CHECK(envsamp_lm(desc, rosenbrock, NULL, params, scratch.buffer, &info) == ENVSAMP_OK,
+    CHECK(IS(envsamp_lm(desc, rosenbrock, NULL, params, scratch.buffer, &info), ENVSAMP_OK),
           "lm: solved");
     free(scratch.block);
     return info;
