@@ -74,8 +74,7 @@ measured() {  # compiler of the calls, compiler and flags of the library
 
 # Functions that the header declares and the program does not call.
 unmeasured() {
-    sed -n '/^#ifndef ENVSAMP_H$/,/IMPLEMENTATION/s/.*ENVSAMP_DEF .*\(envsamp_[a-z_0-9]*\)(.*/\1/p' \
-        envsamp.h >"$tmp/names"
+    sed -n 's/.*ENVSAMP_DEF .*\(envsamp_[a-z][a-z_0-9]*\)(.*/\1/p' envsamp.h | sort -u >"$tmp/names"
     [ "$(wc -l <"$tmp/names")" -gt 40 ] || echo "few names"
     while read -r name; do
         grep -q "[^a-z_]$name(" tests/stack.c || echo "# $name"
