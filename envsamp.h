@@ -201,7 +201,7 @@
 #define ENVSAMP__STATIC
 #endif
 #if defined(ENVSAMP__STATIC) && defined(__GNUC__)
-#define ENVSAMP_DEF __attribute__((unused)) static
+#define ENVSAMP_DEF __attribute__((__unused__)) static
 #elif defined(ENVSAMP__STATIC)
 #define ENVSAMP_DEF static
 #else
@@ -448,9 +448,9 @@ typedef struct envsamp_kd_block {
 /* Facts about a table. Returns ENVSAMP_ERR_NULL. */
 ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_info *info);
 
-/* Block `index`, 0 .. block_count - 1; for FIT, the most probable first. Returns
-   ENVSAMP_ERR_NULL, or ENVSAMP_ERR_PARAM for an index out of range. */
-ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
+/* Block `number`, 0 .. block_count - 1; for FIT, the most probable first. Returns
+   ENVSAMP_ERR_NULL, or ENVSAMP_ERR_PARAM for a number out of range. */
+ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number,
                                                 envsamp_kd_block *block);
 
 /* ---- cdf: inversion over texels ------------------------------------------------------------ */
@@ -860,7 +860,7 @@ extern "C" {
 /* What a sample consists of: inlined, it costs nothing for a result that is not used. Not at -O0,
    where each copy would take stack of its own. */
 #if defined(__GNUC__) && defined(__OPTIMIZE__)
-#define ENVSAMP__HOT ENVSAMP_DEVICE static inline __attribute__((always_inline))
+#define ENVSAMP__HOT ENVSAMP_DEVICE static inline __attribute__((__always_inline__))
 #elif defined(__CUDACC__)
 #define ENVSAMP__HOT ENVSAMP_DEVICE static __forceinline__
 #else
@@ -1289,12 +1289,12 @@ static envsamp_result envsamp__floats_check(const float *floats)
 
 /* A pixel as importance sees it: black for NaN or infinite channels, negative ones 0. Returns
    whether a channel was bad. */
-static int envsamp__mend_pixel(const float *pixel, int channels, float rgb[3])
+static int envsamp__mend_pixel(const float *from, int channels, float rgb[3])
 {
     int black = 0, negative = 0, c;
 
     for (c = 0; c < 3; c++) {
-        float value = pixel[channels == 1 ? 0 : c];
+        float value = from[channels == 1 ? 0 : c];
         uint32_t bits = envsamp__float_bits(value);
 
         black |= (bits & 0x7f800000u) == 0x7f800000u;
@@ -1714,13 +1714,13 @@ static double envsamp__lm_newton(const envsamp__lm *lm, const envsamp__lm_step *
 static void envsamp__lm_solve(const envsamp__lm *lm, envsamp__lm_step *step)
 {
     double low = 0.0, high, damping;
-    int round;
+    int pass;
 
     envsamp__lm_damped(lm, 0.0, step);
     if (step->length <= 1.1 * lm->delta) return;
     high = ENVSAMP_SQRT(envsamp__lm_dot(lm->slope, lm->slope, lm->n)) / lm->delta;
     damping = envsamp__lm_newton(lm, step);
-    for (round = 0; round < 60; ++round) {
+    for (pass = 0; pass < 60; ++pass) {
         if (!(damping > low && damping < high)) {
             damping = ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high);
             if (damping < 0.001 * high) damping = 0.001 * high;
@@ -1771,11 +1771,11 @@ static void envsamp__lm_resize(envsamp__lm *lm, const envsamp__lm_step *step, do
 
 static void envsamp__lm_accept(envsamp__lm *lm, const double *point, double cost)
 {
-    double *swap = lm->residuals;
+    double *spent = lm->residuals;
     int i;
 
     lm->residuals = lm->trial;
-    lm->trial = swap;
+    lm->trial = spent;
     lm->cost = cost;
     lm->stale = 1;
     for (i = 0; i < lm->n; ++i) lm->params[i] = point[i];
@@ -1956,15 +1956,15 @@ static envsamp_result envsamp__set_sizes(envsamp_sizes *sizes, uint64_t table, u
 /* ---- luminance of an image ---- */
 
 /* Luminance of `count` pixels with bad ones among them; returns how many those are. */
-static size_t envsamp__mend_chunk(const float *pixel, int channels, int count, float *luminance)
+static size_t envsamp__mend_chunk(const float *from, int channels, int count, float *luminance)
 {
     size_t bad = 0;
     int x;
 
-    for (x = 0; x < count; x++, pixel += channels) {
+    for (x = 0; x < count; x++, from += channels) {
         float rgb[3];
 
-        bad += (size_t)envsamp__mend_pixel(pixel, channels, rgb);
+        bad += (size_t)envsamp__mend_pixel(from, channels, rgb);
         luminance[x] = channels == 1 ? rgb[0] : envsamp_luminance(rgb);
         luminance[x] = envsamp__at_most(luminance[x], FLT_MAX);     /* of three channels of FLT_MAX
                                                                        rounding makes infinity */
@@ -1975,46 +1975,46 @@ static size_t envsamp__mend_chunk(const float *pixel, int channels, int count, f
 /* Luminance of `count` pixels. The top bit of the result is set if one of them may be bad, tested
    on the bits so that -ffast-math cannot drop the test: a sign, or an exponent of all ones, that
    an added 1 carries out of. Called with constant channels and count. */
-static inline uint32_t envsamp__luminance_chunk(const float *pixel, int channels, int count,
+static inline uint32_t envsamp__luminance_chunk(const float *from, int channels, int count,
                                                 float *luminance)
 {
     uint32_t top = 0;
     int x;
 
     for (x = 0; x < count; x++)
-        luminance[x] = channels == 1 ? pixel[x] : 0.2126f * pixel[channels * x]
-                     + 0.7152f * pixel[channels * x + 1] + 0.0722f * pixel[channels * x + 2];
+        luminance[x] = channels == 1 ? from[x] : 0.2126f * from[channels * x]
+                     + 0.7152f * from[channels * x + 1] + 0.0722f * from[channels * x + 2];
     for (x = 0; x < count; x++)
         top |= envsamp__float_bits(luminance[x]) + 0x00800000u;
     for (x = 0; x < (channels == 3 ? 3 * count : 0); x++)
-        top |= envsamp__float_bits(pixel[x]);
+        top |= envsamp__float_bits(from[x]);
     for (x = 0; x < (channels == 4 ? count : 0); x++)
-        top |= envsamp__float_bits(pixel[4 * x]) | envsamp__float_bits(pixel[4 * x + 1])
-             | envsamp__float_bits(pixel[4 * x + 2]);
+        top |= envsamp__float_bits(from[4 * x]) | envsamp__float_bits(from[4 * x + 1])
+             | envsamp__float_bits(from[4 * x + 2]);
     for (x = 0; x < (channels == 1 ? count : 0); x++)
-        top |= envsamp__float_bits(pixel[x]);
+        top |= envsamp__float_bits(from[x]);
     return top;
 }
 
 /* Luminance of one row; returns how many pixels of it are bad. */
-static size_t envsamp__luminance_row(const float *pixel, int channels, int width,
+static size_t envsamp__luminance_row(const float *from, int channels, int width,
                                      float *luminance)
 {
     size_t bad = 0;
     int x;
 
-    for (x = 0; x < width; x += ENVSAMP__CHUNK, pixel += channels * ENVSAMP__CHUNK) {
+    for (x = 0; x < width; x += ENVSAMP__CHUNK, from += channels * ENVSAMP__CHUNK) {
         int count = envsamp__min(ENVSAMP__CHUNK, width - x);
         uint32_t top;
 
         if (channels == 3 && count == ENVSAMP__CHUNK)
-            top = envsamp__luminance_chunk(pixel, 3, ENVSAMP__CHUNK, luminance + x);
+            top = envsamp__luminance_chunk(from, 3, ENVSAMP__CHUNK, luminance + x);
         else if (channels == 4 && count == ENVSAMP__CHUNK)
-            top = envsamp__luminance_chunk(pixel, 4, ENVSAMP__CHUNK, luminance + x);
+            top = envsamp__luminance_chunk(from, 4, ENVSAMP__CHUNK, luminance + x);
         else
-            top = envsamp__luminance_chunk(pixel, channels, count, luminance + x);
+            top = envsamp__luminance_chunk(from, channels, count, luminance + x);
         if (top >> 31)
-            bad += envsamp__mend_chunk(pixel, channels, count, luminance + x);
+            bad += envsamp__mend_chunk(from, channels, count, luminance + x);
     }
     return bad;
 }
@@ -3356,9 +3356,9 @@ static void envsamp__heap_push(envsamp__tree *tree, double key, uint32_t block)
 }
 
 /* Replaces a block by the two parts of its best split: the low part takes its place. */
-static void envsamp__split(envsamp__tree *tree, uint32_t index)
+static void envsamp__split(envsamp__tree *tree, uint32_t number)
 {
-    envsamp__block *b = &tree->blocks[index], *high = &tree->blocks[tree->block_count];
+    envsamp__block *b = &tree->blocks[number], *high = &tree->blocks[tree->block_count];
     uint32_t cut = (uint32_t)tree->block_count - 1;
 
     b->depth++;
@@ -3374,7 +3374,7 @@ static void envsamp__split(envsamp__tree *tree, uint32_t index)
     }
     tree->cuts[cut].axis = b->axis;
     tree->cuts[cut].at = b->at;
-    tree->cuts[cut].child[0] = ENVSAMP__LEAF | index;
+    tree->cuts[cut].child[0] = ENVSAMP__LEAF | number;
     tree->cuts[cut].child[1] = ENVSAMP__LEAF | (uint32_t)tree->block_count;
     if (b->slot != ENVSAMP__LEAF)
         tree->cuts[b->slot >> 1].child[b->slot & 1] = cut;
@@ -3682,13 +3682,13 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
     }
 }
 
-/* Halves the light of a block of the crown; its halves are blocks 2 index + 1 and 2 index + 2.
+/* Halves the light of a block of the crown; its halves are blocks 2 number + 1 and 2 number + 2.
    Fails where floats are too coarse for a cut between the edges. */
-static int envsamp__halve(envsamp__tree *tree, int index, int axis, double light)
+static int envsamp__halve(envsamp__tree *tree, int number, int axis, double light)
 {
     const envsamp__map *map = tree->map;
-    envsamp__cut *cut = &tree->cuts[index];
-    envsamp__rect low = tree->blocks[index].rect, high = low;
+    envsamp__cut *cut = &tree->cuts[number];
+    envsamp__rect low = tree->blocks[number].rect, high = low;
     double at = envsamp__storable(map, envsamp__median(tree, &low, axis, light), axis);
 
     cut->axis = axis;
@@ -3699,20 +3699,20 @@ static int envsamp__halve(envsamp__tree *tree, int index, int axis, double light
         low.x1 = high.x0 = at;
     else
         low.y1 = high.y0 = at;
-    tree->blocks[2 * index + 1].rect = low;
-    tree->blocks[2 * index + 2].rect = high;
+    tree->blocks[2 * number + 1].rect = low;
+    tree->blocks[2 * number + 2].rect = high;
     return 1;
 }
 
-/* The block of the crown that is halved after block `index`, depth first, so that a part of the map
-   stays in the cache; -1 after the last. */
-static int envsamp__crown_next(int index, int bits)
+/* The block of the crown that is halved after block `number`, depth first, so that a part of the
+   map stays in the cache; -1 after the last. */
+static int envsamp__crown_next(int number, int bits)
 {
-    if (2 * index + 1 < (1 << bits) - 1)
-        return 2 * index + 1;
-    while (index > 0 && index % 2 == 0)
-        index = (index - 1) / 2;
-    return index > 0 ? index + 1 : -1;
+    if (2 * number + 1 < (1 << bits) - 1)
+        return 2 * number + 1;
+    while (number > 0 && number % 2 == 0)
+        number = (number - 1) / 2;
+    return number > 0 ? number + 1 : -1;
 }
 
 /* Makes the blocks that the crown ends in the first blocks of the tree, which has room for all of
@@ -3957,14 +3957,14 @@ static void envsamp__fit_keep(envsamp__fit_point *best, double cost, const doubl
 static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
 {
     envsamp_lm_desc desc = { 1, 0, 30, 1e-10, 1e-10, 1e-10 };
-    int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3, round, k;
+    int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3, pass, k;
     double param[2];
 
     param[0] = point->param[0];
     param[1] = point->param[1];
     desc.param_count = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
     desc.residual_count = envsamp__max_int(fit->count, desc.param_count);
-    for (round = 0; round < rounds; round++) {
+    for (pass = 0; pass < rounds; pass++) {
         if (fit->objective == ENVSAMP_KD_L1) {
             for (k = 0; k < fit->count; k++)
                 fit->weight[k] = 1.0;
@@ -4270,7 +4270,7 @@ struct envsamp_kd {
     double fit_total;                           /* 176: FIT: G(n) */
     uint64_t bad_pixel_count;                   /* 184 */
     float mis_compensation;                     /* 192 */
-    uint32_t unused;
+    uint32_t spare;
 };
 
 typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 200 ? 1 : -1];
@@ -4347,11 +4347,11 @@ static void envsamp__kd_layout(envsamp_kd *kd)
 static uint32_t envsamp__checksum(const envsamp_kd *kd)
 {
     const unsigned char *byte = (const unsigned char *)kd;
-    uint32_t sum = 2166136261u, at, word;
+    uint32_t sum = 2166136261u, at, bits;
 
     for (at = (uint32_t)offsetof(envsamp_kd, checksum) + 4; at < kd->bytes; at += 4) {
-        ENVSAMP_MEMCPY(&word, byte + at, 4);
-        sum = (sum ^ word) * 16777619u;
+        ENVSAMP_MEMCPY(&bits, byte + at, 4);
+        sum = (sum ^ bits) * 16777619u;
         sum ^= sum >> 15;
     }
     return sum;
@@ -5600,9 +5600,9 @@ static int envsamp__kd_alias_valid(const envsamp_kd *kd)
 /* A density that is finite, or an index above `low` and below `count`. */
 static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t count)
 {
-    uint32_t index = link & ~ENVSAMP__INNER;
+    uint32_t number = link & ~ENVSAMP__INNER;
 
-    return link & ENVSAMP__INNER ? index >= low && index < count : link < 0x7f800000u;
+    return link & ENVSAMP__INNER ? number >= low && number < count : link < 0x7f800000u;
 }
 
 /* Children come after their parents, so every descent ends. */
@@ -6076,9 +6076,9 @@ static uint32_t envsamp__warp_before(const envsamp_kd *kd, uint32_t tile)
     return kd->block_count - count;
 }
 
-/* Block `index` of WARP: blocks are counted tile by tile, below a tile by the order of the cuts. A
+/* Block `number` of WARP: blocks are counted tile by tile, below a tile by the order of the cuts. A
    subtree of n cuts holds n + 1 blocks, and its cuts follow one another. */
-static void envsamp__warp_block(const envsamp_kd *kd, uint32_t index, envsamp__edges *edges,
+static void envsamp__warp_block(const envsamp_kd *kd, uint32_t number, envsamp__edges *edges,
                                 double *probability)
 {
     uint32_t tile = 0, past = 1u << (kd->tile_bits_x + kd->tile_bits_y), link, first, end;
@@ -6087,7 +6087,7 @@ static void envsamp__warp_block(const envsamp_kd *kd, uint32_t index, envsamp__e
     while (past - tile > 1) {
         uint32_t middle = tile + (past - tile) / 2;
 
-        if (middle + envsamp__warp_before(kd, middle) <= index)
+        if (middle + envsamp__warp_before(kd, middle) <= number)
             tile = middle;
         else
             past = middle;
@@ -6103,7 +6103,7 @@ static void envsamp__warp_block(const envsamp_kd *kd, uint32_t index, envsamp__e
 
         low_end = node->child[1] & ENVSAMP__INNER ? node->child[1] & ~ENVSAMP__INNER : end;
         low_count = low_end - (at + 1) + 1;
-        high = index - first >= low_count;
+        high = number - first >= low_count;
         cut[2 * axis + 1 - (int)high] = ENVSAMP_FABSF(node->cut);
         edge[2 * axis + 1 - (int)high] = node->edge;
         first += high ? low_count : 0;
@@ -6126,7 +6126,7 @@ static float envsamp__edge_v(uint32_t mapping, float y)
          * envsamp__polar_fraction(row.north, row.south);
 }
 
-ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
+ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number,
                                                 envsamp_kd_block *block)
 {
     envsamp__edges edges;
@@ -6134,13 +6134,13 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int index,
 
     if (!kd || !block)
         return ENVSAMP_ERR_NULL;
-    if (index < 0 || index >= (int)kd->block_count)
+    if (number < 0 || number >= (int)kd->block_count)
         return ENVSAMP_ERR_PARAM;
     if (kd->select == ENVSAMP_KD_WARP) {
-        envsamp__warp_block(kd, (uint32_t)index, &edges, &probability);
+        envsamp__warp_block(kd, (uint32_t)number, &edges, &probability);
     } else {
-        ENVSAMP_MEMCPY(&edges, envsamp__floats(kd, kd->edges_at) + 4 * index, sizeof edges);
-        probability = (double)envsamp__floats(kd, kd->pdf_at)[index]
+        ENVSAMP_MEMCPY(&edges, envsamp__floats(kd, kd->edges_at) + 4 * number, sizeof edges);
+        probability = (double)envsamp__floats(kd, kd->pdf_at)[number]
                     * envsamp__edges_sr(kd->mapping, &edges);
     }
     block->uv_min[0] = edges.x0;
@@ -6242,7 +6242,7 @@ struct envsamp_cdf {
     float offset;                           /* 140: of cell edges, in texels: 0 or 1/2 */
     uint32_t image_width, image_height;     /* 144 */
     float polar_end;                        /* 152: where the map ends, in coordinates of nodes */
-    uint32_t unused;
+    uint32_t spare;
 };
 
 typedef char envsamp__cdf_is_packed[sizeof(envsamp_cdf) == 160 ? 1 : -1];
@@ -6323,13 +6323,13 @@ static int envsamp__cdf_sums_add(const envsamp_cdf *cdf, uint64_t bytes, envsamp
 {
     const unsigned char *byte = (const unsigned char *)cdf;
     uint64_t end = cdf->bytes - s->at < bytes ? cdf->bytes : s->at + bytes;
-    uint32_t word;
+    uint32_t bits;
     int k;
 
     for (; s->at < end; s->at += 16)
         for (k = 0; k < 4; k++) {
-            ENVSAMP_MEMCPY(&word, byte + s->at + 4 * k, 4);
-            s->sum[k] = (s->sum[k] ^ word) * 16777619u;
+            ENVSAMP_MEMCPY(&bits, byte + s->at + 4 * k, 4);
+            s->sum[k] = (s->sum[k] ^ bits) * 16777619u;
             s->sum[k] ^= s->sum[k] >> 15;
         }
     return s->at < cdf->bytes;
@@ -7256,15 +7256,15 @@ typedef struct envsamp__halftone {
 
 /* ---- random numbers ---- */
 
-/* Number `index` of a sequence, in (0, 1): a bijection of 32 bits twice, which flips about half
+/* Entry `number` of a sequence, in (0, 1): a bijection of 32 bits twice, which flips about half
    of them for each that changes. */
-static double envsamp__random(uint32_t seed, uint32_t index)
+static double envsamp__random(uint32_t seed, uint32_t number)
 {
     uint32_t x = seed;
-    int round;
+    int pass;
 
-    for (round = 0; round < 2; round++) {
-        x = (x ^ 0x9e3779b9u) + index;
+    for (pass = 0; pass < 2; pass++) {
+        x = (x ^ 0x9e3779b9u) + number;
         x ^= x >> 16;
         x *= 0x7feb352du;
         x ^= x >> 15;
@@ -7275,9 +7275,9 @@ static double envsamp__random(uint32_t seed, uint32_t index)
 }
 
 /* Distance from one of many independent draws to the next, but for a factor. */
-static double envsamp__spacing(uint32_t seed, uint32_t index)
+static double envsamp__spacing(uint32_t seed, uint32_t number)
 {
-    return -envsamp__log2(envsamp__random(seed, index));
+    return -envsamp__log2(envsamp__random(seed, number));
 }
 
 /* ---- the map ---- */
@@ -7295,13 +7295,13 @@ static double envsamp__luminance(const double *rgb, int channels)
 }
 
 /* Luminance of a pixel, which in double cannot overflow. */
-static double envsamp__pixel_luminance(const float *pixel, int channels)
+static double envsamp__pixel_luminance(const float *from, int channels)
 {
     double rgb[3];
     float mended[3];
     int c;
 
-    envsamp__mend_pixel(pixel, channels, mended);
+    envsamp__mend_pixel(from, channels, mended);
     for (c = 0; c < 3; c++)
         rgb[c] = (double)mended[c];
     return envsamp__luminance(rgb, channels);
@@ -7330,24 +7330,24 @@ static inline int envsamp__add_floats(const float *value, int channels, double w
     return 1;
 }
 
-static int envsamp__add_chunk(const float *pixel, int channels, double weight, double *sum)
+static int envsamp__add_chunk(const float *from, int channels, double weight, double *sum)
 {
     if (channels == 1)
-        return envsamp__add_floats(pixel, 1, weight, sum);
-    return channels == 3 ? envsamp__add_floats(pixel, 3, weight, sum)
-                         : envsamp__add_floats(pixel, 4, weight, sum);
+        return envsamp__add_floats(from, 1, weight, sum);
+    return channels == 3 ? envsamp__add_floats(from, 3, weight, sum)
+                         : envsamp__add_floats(from, 4, weight, sum);
 }
 
 /* Adds pixels one by one; returns how many are bad. */
-static size_t envsamp__add_pixels(const float *pixel, int channels, int count, double rgb[3])
+static size_t envsamp__add_pixels(const float *from, int channels, int count, double rgb[3])
 {
     size_t bad = 0;
     int x, c;
 
-    for (x = 0; x < count; x++, pixel += channels) {
+    for (x = 0; x < count; x++, from += channels) {
         float mended[3];
 
-        bad += (size_t)envsamp__mend_pixel(pixel, channels, mended);
+        bad += (size_t)envsamp__mend_pixel(from, channels, mended);
         for (c = 0; c < 3; c++)
             rgb[c] += (double)mended[c];
     }
@@ -7355,7 +7355,7 @@ static size_t envsamp__add_pixels(const float *pixel, int channels, int count, d
 }
 
 /* Sums of a row in red, green and blue; returns how many of its pixels are bad. */
-static size_t envsamp__sum_row(const float *pixel, int channels, int width, double rgb[3])
+static size_t envsamp__sum_row(const float *from, int channels, int width, double rgb[3])
 {
     int step = channels * ENVSAMP__LANES, x, i, c;
     double sum[4 * ENVSAMP__LANES];
@@ -7363,9 +7363,9 @@ static size_t envsamp__sum_row(const float *pixel, int channels, int width, doub
 
     ENVSAMP_MEMSET(sum, 0, (size_t)step * sizeof(double));
     rgb[0] = rgb[1] = rgb[2] = 0.0;
-    for (x = 0; x < width; x += ENVSAMP__LANES, pixel += step)
-        if (x + ENVSAMP__LANES > width || !envsamp__add_chunk(pixel, channels, 1.0, sum))
-            bad += envsamp__add_pixels(pixel, channels, envsamp__min(ENVSAMP__LANES, width - x),
+    for (x = 0; x < width; x += ENVSAMP__LANES, from += step)
+        if (x + ENVSAMP__LANES > width || !envsamp__add_chunk(from, channels, 1.0, sum))
+            bad += envsamp__add_pixels(from, channels, envsamp__min(ENVSAMP__LANES, width - x),
                                        rgb);
     for (i = 0; i < step; i += channels)
         for (c = 0; c < 3; c++)
@@ -7383,13 +7383,13 @@ static void envsamp__add_luminance(const double *sum, int channels, int count, d
 }
 
 /* Adds a run that is short, or may have bad pixels in it. */
-static void envsamp__add_mended(const float *pixel, int channels, int count, double weight,
+static void envsamp__add_mended(const float *from, int channels, int count, double weight,
                                 double *total)
 {
     int x;
 
-    for (x = 0; x < count; x++, pixel += channels)
-        total[x] += weight * envsamp__pixel_luminance(pixel, channels);
+    for (x = 0; x < count; x++, from += channels)
+        total[x] += weight * envsamp__pixel_luminance(from, channels);
 }
 
 /* How many of a row are above zero. */
@@ -7428,15 +7428,15 @@ static void envsamp__sum_columns(const envsamp__grain *grain, int x, int count, 
     ENVSAMP_MEMSET(total, 0, (size_t)count * sizeof(double));
     ENVSAMP_MEMSET(lit, 0, (size_t)count * sizeof(int));
     for (y = y0; y < y1; y++) {
-        const float *pixel = envsamp__grain_at(grain, x, y);
+        const float *from = envsamp__grain_at(grain, x, y);
         double weight = grain->row_sr ? grain->row_sr[y] : 1.0;
 
-        if (!whole || !envsamp__add_chunk(pixel, channels, weight, sum))
-            envsamp__add_mended(pixel, channels, count, weight, total);
+        if (!whole || !envsamp__add_chunk(from, channels, weight, sum))
+            envsamp__add_mended(from, channels, count, weight, total);
         if (channels == 1 && whole)
-            envsamp__count_lit(pixel, ENVSAMP__LANES, lit);
+            envsamp__count_lit(from, ENVSAMP__LANES, lit);
         else if (channels == 1)
-            envsamp__count_lit(pixel, count, lit);
+            envsamp__count_lit(from, count, lit);
     }
     envsamp__add_luminance(sum, channels, count, total);
 }
@@ -7948,19 +7948,19 @@ static size_t envsamp__sum_texel_columns(const envsamp__squares *s, int x, int c
     ENVSAMP_MEMSET(sum, 0, (size_t)(channels * ENVSAMP__LANES) * sizeof(double));
     ENVSAMP_MEMSET(sr, 0, ENVSAMP__LANES * sizeof(double));
     for (y = y0; y < y1; y++) {
-        const float *pixel = envsamp__grain_at(grain, x, y);
+        const float *from = envsamp__grain_at(grain, x, y);
         int found = envsamp__count_texels(s, x, y, count);
 
-        if (found == ENVSAMP__LANES && envsamp__add_chunk(pixel, channels, grain->row_sr[y], sum)) {
+        if (found == ENVSAMP__LANES && envsamp__add_chunk(from, channels, grain->row_sr[y], sum)) {
             whole += grain->row_sr[y];
             continue;
         }
-        for (i = 0; i < count && found; i++, pixel += channels) {
+        for (i = 0; i < count && found; i++, from += channels) {
             float rgb[3];
 
             if (!envsamp__count_texels(s, x + i, y, 1))
                 continue;
-            bad += (size_t)envsamp__mend_pixel(pixel, channels, rgb);
+            bad += (size_t)envsamp__mend_pixel(from, channels, rgb);
             for (c = 0; c < envsamp__min(channels, 3); c++)
                 sum[i * channels + c] += grain->row_sr[y] * (double)rgb[c];
             sr[i] += grain->row_sr[y];
@@ -9350,12 +9350,12 @@ static int envsamp__count_directs(const envsamp__decomposition *d)
 }
 
 /* Texels of a square: x0, y0, x1, y1. */
-static void envsamp__square_box(const envsamp__squares *s, int square, int box[4])
+static void envsamp__square_box(const envsamp__squares *s, int square, int bounds[4])
 {
-    box[0] = square % s->across * s->side;
-    box[1] = square / s->across * s->side;
-    box[2] = envsamp__min(box[0] + s->side, s->image->width);
-    box[3] = envsamp__min(box[1] + s->side, s->image->height);
+    bounds[0] = square % s->across * s->side;
+    bounds[1] = square / s->across * s->side;
+    bounds[2] = envsamp__min(bounds[0] + s->side, s->image->width);
+    bounds[3] = envsamp__min(bounds[1] + s->side, s->image->height);
 }
 
 /* What may still be drawn of a square. `texel`, unless NULL: where the sum reaches a target. */
@@ -9363,12 +9363,12 @@ static double envsamp__scan_square(const envsamp__decomposition *d, int square, 
                                    envsamp_texel *texel)
 {
     const envsamp__squares *s = &d->direct->squares;
-    int box[4], x, y;
+    int bounds[4], x, y;
     double sum = 0.0;
 
-    envsamp__square_box(s, square, box);
-    for (y = box[1]; y < box[3]; y++)
-        for (x = box[0]; x < box[2]; x++) {
+    envsamp__square_box(s, square, bounds);
+    for (y = bounds[1]; y < bounds[3]; y++)
+        for (x = bounds[0]; x < bounds[2]; x++) {
             if (*envsamp__label_at(d, x, y) != ENVSAMP__EMISSIVE)
                 continue;
             if (texel && sum <= target) {
@@ -9407,11 +9407,11 @@ static int envsamp__draw_texel(envsamp__decomposition *d, double u, envsamp_texe
 static void envsamp__mask_square(envsamp__decomposition *d, int square, const double dir[3])
 {
     const envsamp__squares *s = &d->direct->squares;
-    int box[4], x, y;
+    int bounds[4], x, y;
 
-    envsamp__square_box(s, square, box);
-    for (y = box[1]; y < box[3]; y++)
-        for (x = box[0]; x < box[2]; x++) {
+    envsamp__square_box(s, square, bounds);
+    for (y = bounds[1]; y < bounds[3]; y++)
+        for (x = bounds[0]; x < bounds[2]; x++) {
             uint8_t *label = envsamp__label_at(d, x, y);
             double texel[3];
 
@@ -9923,17 +9923,17 @@ static void envsamp__make_light(const envsamp__lights *l, const envsamp_texel *t
                                 int count, envsamp_light *light)
 {
     const envsamp_image *image = l->image;
-    const float *pixel = envsamp__grain_at(&l->grain, texel->x, texel->y);
+    const float *from = envsamp__grain_at(&l->grain, texel->x, texel->y);
     double across = ((double)k + 0.5) / (double)count, down = 0.5 + 0.61803398874989485 * (double)k;
     double sr = l->luminance / (double)l->desc->count
-              / envsamp__pixel_luminance(pixel, image->channels);
+              / envsamp__pixel_luminance(from, image->channels);
     float rgb[3];
     int c;
 
     down -= (double)(int)down;
     envsamp_uv_to_dir(image->mapping, (float)(((double)texel->x + across) / (double)image->width),
                       (float)(((double)texel->y + down) / (double)image->height), light->dir);
-    envsamp__mend_pixel(pixel, image->channels, rgb);
+    envsamp__mend_pixel(from, image->channels, rgb);
     for (c = 0; c < 3; c++)
         light->irradiance[c] = envsamp__to_float((double)rgb[c] * sr);
     sr = sr < 4.0 * ENVSAMP__PI ? sr : 4.0 * ENVSAMP__PI;

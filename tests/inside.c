@@ -32,7 +32,7 @@ size_t inside_kd_at(const char *name)
         FIELD(grid_scale_y), FIELD(bilinear), FIELD(fit_end), FIELD(fit_step), FIELD(tiles_at),
         FIELD(warp_at), FIELD(edges_at), FIELD(pdf_at), FIELD(alias_at), FIELD(roots_at),
         FIELD(nodes_at), FIELD(grid_at), FIELD(polar_end), FIELD(integral),
-        FIELD(mis_compensation), FIELD(unused), { "end", sizeof(envsamp_kd) }
+        FIELD(mis_compensation), FIELD(spare), { "end", sizeof(envsamp_kd) }
     };
 #undef FIELD
 
@@ -45,7 +45,7 @@ size_t inside_cdf_at(const char *name)
     static const field fields[] = {
         FIELD(checksum), FIELD(mapping), FIELD(width), FIELD(height), FIELD(rows_at),
         FIELD(guide_at), FIELD(edges_at), FIELD(integral), FIELD(mis_compensation),
-        FIELD(bilinear), FIELD(unused), { "end", sizeof(envsamp_cdf) }
+        FIELD(bilinear), FIELD(spare), { "end", sizeof(envsamp_cdf) }
     };
 #undef FIELD
 

@@ -558,7 +558,7 @@ static void test_damaged_kd(int kind)
         sampler_free(&s);
         return;
     }
-    whole = opens_with(&s, KD_AT(unused), 0);
+    whole = opens_with(&s, KD_AT(spare), 0);
     opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 4, back | 5);     /* to itself */
     opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 8, back | 40);
     opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 8, infinite);
@@ -590,7 +590,7 @@ static void test_damaged_cdf(void)
         return;
     }
     memcpy(&guides, (const char *)s.table.buffer.data + CDF_PLACE(s.cdf, guide_at), 4);
-    whole = opens_with(&s, CDF_AT(unused), 0);
+    whole = opens_with(&s, CDF_AT(spare), 0);
     opened += opens_with(&s, CDF_PLACE(s.cdf, guide_at), guides + 1);
     opened += opens_with(&s, CDF_PLACE(s.cdf, edges_at), 1);
     opened += opens_with(&s, CDF_PLACE(s.cdf, edges_at) + 4 * WIDTH, UNIT - 1);
