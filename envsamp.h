@@ -2591,17 +2591,6 @@ static envsamp__cell envsamp__merge_cells(const envsamp__map *map, const envsamp
     return cell;
 }
 
-/* One row of a level above the first, from the level below. */
-static void envsamp__merge_row(envsamp__map *map, int k, int y)
-{
-    envsamp__level *level = &map->levels[k];
-    int x;
-
-    for (x = 0; x < level->width; x++)
-        level->cells[(size_t)y * (size_t)level->width + (size_t)x] =
-            envsamp__merge_cells(map, level - 1, x, y);
-}
-
 /* Reads a row of texels, and makes the cells of level 1 that are complete with it. */
 static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *source, int y)
 {
@@ -2724,7 +2713,6 @@ typedef struct envsamp__tree {
     int tile_bits;                      /* the first 2^tile_bits blocks were the tiles */
     int crown_at;                       /* the block of the crown to be halved next; -1 none */
 } envsamp__tree;
-
 
 static inline double envsamp__block_sr(const envsamp__block *b)
 {
@@ -3423,23 +3411,8 @@ static int envsamp__grow(envsamp__tree *tree, int wanted)
  * regular grid, and the leading bits of u0 and u1 name the tile: no search, no grid of links.
  * Each tile is then split like a map of its own.
  *
- * Measured on 18 real maps of 512x256 with 6144 blocks: excess variance (median, worst), expected
- * cuts below a tile (mean over the maps, worst), and RMSE of diffuse irradiance from 256
- * Owen-scrambled Sobol points over that of inverting the full CDF (geometric mean):
- *
- *     tiles            excess            cuts           RMSE
- *     256              0.0038  0.141     3.8   5.0      0.81
- *     1024             0.0052  0.167     1.8   2.4      0.85
- *     2048, a third    0.0064  0.192     0.99  1.3      0.93
- *     4096             0.0111  0.301     0.36  0.45     1.21
- *
- * That is for nearest texels. With bilinear lookups 2048 tiles leave 0.0078 and 0.139, ALIAS, which
- * has no tiles to keep, 0.0062 and 0.117.
- *
- * Also tried, and no better: polar angle first, all cuts across one axis before the other (RMSE 5,
- * and 10 or 26 % above); halving root mean squares of 2x2 texels, or the Q of a first tree's
- * blocks, instead of light (excess 8 times, and the same); weighing splits by the light of their
- * tile, or by the shape of their parts (2 to 4 % more of either).
+ * Half as many tiles leave 20 % less excess variance, and take twice as many cuts below a tile;
+ * other orders and weights of halves were no better (bench/experiments.md).
  * ========================================================================================== */
 
 #define ENVSAMP__BLOCKS_PER_TILE 3      /* 2 at least: the crown has as many cuts as tiles */
@@ -4237,11 +4210,6 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  * the angles: azimuth in [0, 4] is y/(|x|+|y|) unrolled round the four quadrants, polar in [0, 2]
  * is r/(r+|z|), r = |(x, y)|, unrolled over the equator. polar_end is where the map ends: 2, or 1
  * of a hemisphere. In an octahedral map they are 4 u and 2 v.
- *
- * Tried for pdf(dir), nanoseconds at 6144 blocks: a loop over cuts with a branch for their axis and
- * as many cells as blocks 74, without that branch 71, floats compared as integers 65, twice the
- * cells 57, and three cuts before each question 50; four times the cells 47, but then a table is
- * above 256 KB. In a batch, which steps together, 16.
  * ========================================================================================== */
 
 #define ENVSAMP__KD_MAGIC 0x444b5345u   /* "ESKD" in memory */
@@ -5386,6 +5354,8 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
 static int envsamp__kd_read(envsamp_kd_job *job, int item)
 {
     envsamp__map *map = &job->map;
+    envsamp__level *level;
+    int x;
 
     switch (job->phase) {
     case ENVSAMP__DO_SURVEY:
@@ -5405,8 +5375,11 @@ static int envsamp__kd_read(envsamp_kd_job *job, int item)
     default:
         if (job->level >= map->level_count)
             return 0;
-        envsamp__merge_row(map, job->level, item);
-        if (item + 1 == map->levels[job->level].height) {
+        level = &map->levels[job->level];
+        for (x = 0; x < level->width; x++)
+            level->cells[(size_t)item * (size_t)level->width + (size_t)x] =
+                envsamp__merge_cells(map, level - 1, x, item);
+        if (item + 1 == level->height) {
             job->level++;
             job->next = 0;
         }
@@ -6186,27 +6159,9 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  * holds two to four texels on average. Where that does not reach, as many dark texels beside a lamp
  * may bring about, the texels up to the one where the next cell begins are halved.
  *
- * Tried, nanoseconds for uv of the city map at 2048x1024, the same points again and again, so with
- * warm caches: binary search 131, cells of one texel 35, of two 27, of four 25, of eight 31; two
- * edges at once instead of four 32, eight 25, one after the other with a branch 43.
- *
- * Fresh points wait for memory instead, first for the guide, then for the edges, and no longer
- * sequence of instructions than a processor holds back, some 300, hides that: one at a time the
- * guides are 1.3 to 3.5 times as fast as binary search of the same edges, the less the fewer caches
- * other programs leave. So a batch asks for all guides, then for all edges, before it reads the
- * first. Nanoseconds, 2048x1024, both cores in use by others, fresh points, medians of 9 rounds of
- * 2^21, in turn but for the second line, a run of its own; the ratio is the median of those within
- * a round:
- *
- *     direction and pdf        city   forest   night   studio   park
- *     binary search             267      250     198       94    202
- *     _n, without asking        149       87      75       32     84
- *     _n                         45       42      30       22     35
- *     search / _n               5.9      5.9     6.3      4.0    5.5
- *
- * Tried for one at a time, and no faster: guide and edges of a row side by side; a guide to every
- * 16th edge, small enough for the second cache, and four halvings in the line of memory from there,
- * or its edges compared at once; cells of 8 bytes that hold the first line and three beginnings.
+ * Fresh points wait for memory, first for the guide, then for the edges, longer than a processor
+ * runs ahead. So a batch prefetches all guides, then all edges, before it reads the first: 1.5 to
+ * 3.3 times as fast as without, 6 times as fast as binary search (bench/experiments.md).
  * ========================================================================================== */
 
 #define ENVSAMP__CDF_MAGIC 0x434b5345u      /* "ESKC" in memory */
@@ -7186,27 +7141,8 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
  * probability, such a sample is a firefly. [9] recommends to shift weight ahead where samples are
  * few, "in the extreme case" all of it. Along rows of texels that makes strips; along rows of
  * cells, compact regions of equal light, and with a random start every texel is chosen as often as
- * it is worth. RMS relative error of irradiance over 64 normals, and RMS error of the number of
- * samples, of 256, in 100 rectangles, geometric means of 18 maps of 512x256, [10] unless said:
- *
- *     samples                                    16     32     64    256    1024   rectangles
- *     independent draws                        0.41   0.30   0.21   0.11   0.053     4.9
- *     TEXELS                                   3.77   3.58   3.16   1.68   0.54     23.8
- *     - a random error over every column       1.11   1.15   1.62   1.39   0.53     26.9
- *     - warmed up on the map upside down       3.62   3.05   1.88   0.22   0.061     6.6
- *     - [9], 1 - 4 / spacing ahead             2.59   1.91   1.37   0.68   0.34      7.9
- *     - both                                   0.46   0.25   0.12   0.060  0.043     2.9
- *     Hilbert's curve                          0.16   0.090  0.057  0.013  0.0036    1.49
- *     CELLS, 2 a sample, split by the kernel   0.17   0.121  0.085  0.051  0.027     1.64
- *     - a tenth of it below                    0.17   0.097  0.044  0.0099 0.0024    1.40
- *       - walked row by row instead            0.19   0.104  0.048  0.0117 0.0032    1.39
- *       - 1 cell a sample instead of 2         0.18   0.092  0.047  0.0119 0.0028    1.60
- *       - 4                                    0.19   0.105  0.051  0.0119 0.0034    1.39
- *     - bands, nothing below: as it is         0.17   0.085  0.046  0.0108 0.0024    1.44
- *
- * (From Hilbert's curve on without `once`. With it the last line ends 0.0122, 0.0062, 2.03.)
- * What goes below makes the mean over seeds wrong: with 256 samples and 256 seeds by 0.0025 where
- * it is a tenth, 0.0010 a hundredth, 0.0007 nothing, which is the noise of so many seeds.
+ * it is worth. Other paths, cells and shares below were worse, or chose some texels too often on
+ * average (bench/experiments.md).
  *
  * The sums of all columns of some cells come first; only where one takes the sum over the
  * threshold are its texels looked at.
@@ -7373,25 +7309,6 @@ static size_t envsamp__sum_row(const float *from, int channels, int width, doubl
     return bad;
 }
 
-/* Adds the luminance of `count` sums of channels. */
-static void envsamp__add_luminance(const double *sum, int channels, int count, double *total)
-{
-    int x;
-
-    for (x = 0; x < count; x++, sum += channels)
-        total[x] += envsamp__luminance(sum, channels);
-}
-
-/* Adds a run that is short, or may have bad pixels in it. */
-static void envsamp__add_mended(const float *from, int channels, int count, double weight,
-                                double *total)
-{
-    int x;
-
-    for (x = 0; x < count; x++, from += channels)
-        total[x] += weight * envsamp__pixel_luminance(from, channels);
-}
-
 /* How many of a row are above zero. */
 static int envsamp__count_row(const float *row, int width)
 {
@@ -7421,7 +7338,7 @@ static inline void envsamp__count_lit(const float *run, int count, int *lit)
 static void envsamp__sum_columns(const envsamp__grain *grain, int x, int count, int y0, int y1,
                                  double *total, int *lit)
 {
-    int channels = grain->channels, whole = count == ENVSAMP__LANES, y;
+    int channels = grain->channels, whole = count == ENVSAMP__LANES, i, y;
     double sum[4 * ENVSAMP__LANES];
 
     ENVSAMP_MEMSET(sum, 0, (size_t)(channels * ENVSAMP__LANES) * sizeof(double));
@@ -7432,13 +7349,15 @@ static void envsamp__sum_columns(const envsamp__grain *grain, int x, int count, 
         double weight = grain->row_sr ? grain->row_sr[y] : 1.0;
 
         if (!whole || !envsamp__add_chunk(from, channels, weight, sum))
-            envsamp__add_mended(from, channels, count, weight, total);
+            for (i = 0; i < count; i++)         /* a short run, or one with bad pixels */
+                total[i] += weight * envsamp__pixel_luminance(from + i * channels, channels);
         if (channels == 1 && whole)
             envsamp__count_lit(from, ENVSAMP__LANES, lit);
         else if (channels == 1)
             envsamp__count_lit(from, count, lit);
     }
-    envsamp__add_luminance(sum, channels, count, total);
+    for (i = 0; i < count; i++)
+        total[i] += envsamp__luminance(sum + i * channels, channels);
 }
 
 /* ---- choosing ---- */
@@ -8431,27 +8350,8 @@ static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *l
  * (chords to the pieces lie below parabolas that touch them where x_i was, those to other lights
  * above their tangents), with momentum [20] for each light that is not turned back.
  *
- * Mean relative RMSE of five diffuse and glossy spheres on a plane with shadows, 18 maps:
- *
- *     lights                                          16      32      64
- *     median cut                                    0.142   0.074   0.038
- *     variance cut                                  0.111   0.058   0.034
- *     decomposed                                    0.119   0.060   0.027
- *     median cut, 20 rounds of Lloyd                0.094   0.046   0.024
- *     HALFTONE, Lloyd                               0.092   0.043   0.024
- *     - and weights                                 0.086   0.043   0.022
- *     - and moves                                   0.081   0.041   0.021
- *     variance cut, Lloyd, moves and weights        0.081   0.043   0.023
- *     orthogonal matching pursuit, the same         0.080   0.040   0.020
- *     halves, the same: as it is                    0.081   0.041   0.021
- *     - 128 moves                                   0.083   0.040   0.023
- *     - 64 pieces a light                           0.081   0.041   0.022
- *     - powers of the distance, 0.5; 0.7; 1.5 (32)  0.044, 0.042, 0.041 (without moves)
- *     - all with equal weights                      0.103   0.055   0.029 (without moves)
- *     - least squares over 2000 lobes with shadows  0.087   0.042   0.024 (without moves)
- *
- * A turn of the map by a degree moves lights by 0.12 of their cones' radii; from HALFTONE, which is
- * another at every turn, it is 0.33. Matching pursuit takes twice the time.
+ * Other starts, objectives and weights give up to 40 % more error; starts from HALFTONE change as
+ * the map is turned, and matching pursuit takes twice the time (bench/experiments.md).
  */
 
 #define ENVSAMP__PIECES_PER_LIGHT 32        /* a piece has that part of a light's at most */
@@ -8780,21 +8680,11 @@ static void envsamp__swap_rows(double *a, double *b, int count)
     }
 }
 
-/* Takes off a row what makes its element `at` 0. */
-static void envsamp__eliminate(double *row, const double *pivot, int at, int count)
-{
-    double factor = row[at] / pivot[at];
-    int i;
-
-    for (i = at; i < count; i++)
-        row[i] -= factor * pivot[i];
-}
-
 /* Solves the system of `rows` equations with three right-hand sides that stand behind them; these
    become the solutions. Returns 0 if it is singular. */
 static int envsamp__solve(double *system, int rows)
 {
-    int columns = rows + 3, pivot, row, i;
+    int columns = rows + 3, pivot, row, i, k;
 
     for (i = 0; i < rows; i++) {
         double *at = system + (size_t)i * (size_t)columns;
@@ -8806,9 +8696,12 @@ static int envsamp__solve(double *system, int rows)
         envsamp__swap_rows(at, system + (size_t)pivot * (size_t)columns, columns);
         if (!(ENVSAMP__FABS(at[i]) > 1e-9))
             return 0;
-        for (row = 0; row < rows; row++)
-            if (row != i)
-                envsamp__eliminate(system + (size_t)row * (size_t)columns, at, i, columns);
+        for (row = 0; row < rows; row++) {
+            double *other = system + (size_t)row * (size_t)columns, factor = other[i] / at[i];
+
+            for (k = i; k < columns && row != i; k++)
+                other[k] -= factor * at[k];
+        }
     }
     for (i = 0; i < rows; i++)
         for (row = 0; row < 3; row++)
@@ -9039,30 +8932,9 @@ static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double lumi
  * back to the others, which EnvIndirects stand for: rectangles, from the whole map on halved across
  * their longer side, that with the largest w_V V + w_D D + w_E E first.
  *
- * What the text leaves open, and the relative RMSE of the scene above with the other choice:
- *
- *     lights                                                     16      32      64
- *     as it is                                                 0.119   0.060   0.028
- *     L_b by count of texels; here by solid angle, which is    0.123   0.061   0.029
- *       the same in any mapping
- *     s 4 pi / K as an angle; here a solid angle               0.122   0.064   0.033
- *     all masked, lights wanted: start anew; here go on        0.120   0.061   0.028
- *       without masking
- *     on the centroid; here on a texel                         0.121   0.061   0.028
- *     no texels given back                                     0.128   0.065   0.030
- *     shares by radiance; here by flux                         0.471   0.318   0.202
- *     V: standard deviation; variance x solid angle; spread    0.118   0.060   0.028
- *       about the centroid; here the first x solid angle       0.121   0.061   0.029
- *                                                              0.121   0.060   0.028
- *     D: cone about the centroid, solid angle; here the        0.118   0.060   0.031
- *       longer side                                            0.132   0.068   0.038
- *     halves of equal light, of least spread; here of equal    0.148   0.085   0.041
- *       angle                                                  0.124   0.064   0.038
- *     largest V, D, E: of the whole map; here of rectangles    0.118   0.060   0.031
- *       that can be cut
- *     w = 1 0 0, the published illumination cut; the same      0.124   0.058   0.034
- *       with V = variance x solid angle                        0.175   0.113
- *     w = 0 1 2                                                0.117   0.051   0.026
+ * What the text leaves open was measured in a scene with shadows, each choice against the other
+ * (bench/experiments.md): L_b by solid angle, s 4 pi / K as a solid angle, lights on texels, shares
+ * by flux, V = standard deviation x solid angle, D = longer side, halves of equal angle.
  */
 
 /* ---- emissive texels ---- */
