@@ -1706,7 +1706,8 @@ static double envsamp__lm_newton(const envsamp__lm *lm, const envsamp__lm_step *
 
         if (share != 0.0) bend += share * share / (lm->sigma2[j] + step->damping);
     }
-    return (step->length - lm->delta) / (lm->delta * bend);
+    bend *= lm->delta;
+    return bend > 0.0 ? (step->length - lm->delta) / bend : 0.0;    /* 0: bisect */
 }
 
 /* The damping, zero or such that |D p| is within a tenth of delta. |D p| <= |slope| / damping
