@@ -8,7 +8,7 @@ seconds=${1:-60}
 [ $# -gt 0 ] && shift
 targets=${*:-build steps open lights halftone lm}
 clang=${CLANG:-clang}
-kinds=fuzzer,address,undefined,float-cast-overflow
+kinds=fuzzer,address,undefined,float-divide-by-zero,float-cast-overflow
 fuzzer=build/fuzz
 mkdir -p build/fuzz_crash
 

@@ -19,6 +19,11 @@ static char running[256];       /* a file, or the number of an input */
 
 static void name_input(void) { fprintf(stderr, "on input %s\n", running); }
 
+/* What the runtime of the undefined behaviour sanitizer calls before it ends the program. */
+extern void __ubsan_on_report(void);
+
+void __ubsan_on_report(void) { name_input(); }
+
 static void on_abort(int number)
 {
     (void)number;
