@@ -4865,10 +4865,11 @@ ENVSAMP__HOT envsamp_sample envsamp__point_sample(uint32_t mapping, envsamp__poi
     return s;
 }
 
-/* Directions of n points. */
-ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *px, const float *north,
-                                      const float *south, float *x, float *y, float *z)
+/* Directions of n points of a batch. */
+ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *at, float *x, float *y,
+                                      float *z)
 {
+    const float *px = at, *north = at + ENVSAMP__BATCH, *south = at + 2 * ENVSAMP__BATCH;
     float turn[ENVSAMP__BATCH], sine[ENVSAMP__BATCH];
     int i;
 
@@ -5853,10 +5854,17 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
 
 /* ---- many at a time ---- */
 
-/* Points and densities of a batch. */
-typedef struct envsamp__batch {
-    float x[ENVSAMP__BATCH], north[ENVSAMP__BATCH], south[ENVSAMP__BATCH], pdf[ENVSAMP__BATCH];
-} envsamp__batch;
+/* Points and densities of a batch: all x, all north, all south, all densities; before, of WARP, the
+   cuts that bound their blocks. */
+typedef struct envsamp__batch { float at[4 * ENVSAMP__BATCH]; } envsamp__batch;
+
+ENVSAMP__HOT void envsamp__batch_put(envsamp__batch *batch, int i, envsamp__point p, float pdf)
+{
+    batch->at[i] = p.x;
+    batch->at[ENVSAMP__BATCH + i] = p.north;
+    batch->at[2 * ENVSAMP__BATCH + i] = p.south;
+    batch->at[3 * ENVSAMP__BATCH + i] = pdf;
+}
 
 ENVSAMP__HOT void envsamp__alias_batch(const envsamp_kd *kd, int n, const float *u0,
                                        const float *u1, envsamp__batch *out)
@@ -5868,10 +5876,7 @@ ENVSAMP__HOT void envsamp__alias_batch(const envsamp_kd *kd, int n, const float 
         envsamp__choice choice = envsamp__alias_choose(kd, u0[i], u1[i]);
         envsamp__point p = envsamp__block_point(kd, choice, u1[i]);
 
-        out->x[i] = p.x;
-        out->north[i] = p.north;
-        out->south[i] = p.south;
-        out->pdf[i] = pdf[choice.block];
+        envsamp__batch_put(out, i, p, pdf[choice.block]);
     }
 }
 
@@ -5885,26 +5890,24 @@ ENVSAMP__HOT void envsamp__fit_batch(const envsamp_kd *kd, int n, const float *u
         envsamp__choice choice = envsamp__fit_choose(kd, u0[i], u1[i]);
         envsamp__point p = envsamp__block_point(kd, choice, u1[i]);
 
-        out->x[i] = p.x;
-        out->north[i] = p.north;
-        out->south[i] = p.south;
-        out->pdf[i] = pdf[choice.block];
+        envsamp__batch_put(out, i, p, pdf[choice.block]);
     }
 }
 
-/* First the tiles of all, then, among those still on their way, one cut at a time. */
-ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, int n, const float *u0,
-                                      const float *u1, envsamp__batch *out)
+/* First the tiles of all, then, among those still on their way, one cut at a time. f: the numbers,
+   which become fractions of blocks. */
+ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, int n, float *f, envsamp__batch *out)
 {
     const float *tiles = envsamp__floats(kd, kd->tiles_at);
     const uint32_t *roots = envsamp__words(kd, kd->roots_at);
     const envsamp__warp *nodes = envsamp__kd_warp(kd);
-    float f[2 * ENVSAMP__BATCH], cut[4 * ENVSAMP__BATCH], edge[4 * ENVSAMP__BATCH];
+    float *cut = out->at, edge[4 * ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
     int under_way[ENVSAMP__BATCH], count = 0, left, i, k;
 
     for (i = 0; i < n; i++) {
-        int tile = envsamp__warp_start(kd, u0[i], u1[i], &f[i], &f[ENVSAMP__BATCH + i]);
+        float *fx = &f[i], *fy = &f[ENVSAMP__BATCH + i];
+        int tile = envsamp__warp_start(kd, *fx, *fy, fx, fy);
 
         link[i] = roots[tile];
         for (k = 0; k < 4; k++) {
@@ -5927,17 +5930,14 @@ ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, int n, const float *
     for (i = 0; i < n; i++) {
         envsamp__point p = envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH);
 
-        out->x[i] = p.x;
-        out->north[i] = p.north;
-        out->south[i] = p.south;
-        out->pdf[i] = envsamp__bits_float(link[i]);
+        envsamp__batch_put(out, i, p, envsamp__bits_float(link[i]));
     }
 }
 
 ENVSAMP__HOT void envsamp__sample_batch(const envsamp_kd *kd, int n, const float *u0,
                                         const float *u1, float *x, float *y, float *z, float *pdf)
 {
-    float u[ENVSAMP__BATCH], v[ENVSAMP__BATCH];
+    float u[2 * ENVSAMP__BATCH], *v = u + ENVSAMP__BATCH;
     envsamp__batch batch;
     int i;
 
@@ -5946,14 +5946,14 @@ ENVSAMP__HOT void envsamp__sample_batch(const envsamp_kd *kd, int n, const float
         v[i] = envsamp__clamp_unit(u1[i]);
     }
     if (kd->select == ENVSAMP_KD_WARP)
-        envsamp__warp_batch(kd, n, u, v, &batch);
+        envsamp__warp_batch(kd, n, u, &batch);
     else if (kd->select == ENVSAMP_KD_ALIAS)
         envsamp__alias_batch(kd, n, u, v, &batch);
     else
         envsamp__fit_batch(kd, n, u, v, &batch);
-    envsamp__point_dirs(kd->mapping, n, batch.x, batch.north, batch.south, x, y, z);
+    envsamp__point_dirs(kd->mapping, n, batch.at, x, y, z);
     for (i = 0; i < n; i++)
-        pdf[i] = batch.pdf[i];
+        pdf[i] = batch.at[3 * ENVSAMP__BATCH + i];
 }
 
 ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
@@ -7062,14 +7062,11 @@ ENVSAMP__HOT void envsamp__cdf_sample_batch(const envsamp_cdf *cdf, int n, const
         envsamp__texel t = envsamp__cdf_texel(cdf, row[i], across[i], down[i]);
         envsamp__point p = envsamp__cdf_point(cdf, t);
 
-        batch.x[i] = p.x;
-        batch.north[i] = p.north;
-        batch.south[i] = p.south;
-        batch.pdf[i] = t.pdf;
+        envsamp__batch_put(&batch, i, p, t.pdf);
     }
-    envsamp__point_dirs(cdf->mapping, n, batch.x, batch.north, batch.south, x, y, z);
+    envsamp__point_dirs(cdf->mapping, n, batch.at, x, y, z);
     for (i = 0; i < n; i++)
-        pdf[i] = batch.pdf[i];
+        pdf[i] = batch.at[3 * ENVSAMP__BATCH + i];
 }
 
 ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
