@@ -10054,7 +10054,8 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
         double first = envsamp__random(seed, 2 * (uint32_t)i + 1) * (double)set_count;
         uint32_t place = ((uint32_t)set + (uint32_t)first) % (uint32_t)set_count;
 
-        cone = envsamp__in_range(cone, -FLT_MAX, 1.0f) ? cone : 1.0f;       /* a NaN: no cone */
+        if (!envsamp__in_range(cone, envsamp__bits_float(0xff800000u), 1.0f))   /* -infinity */
+            cone = 1.0f;                        /* a NaN, too: no cone */
         cone = cone > -1.0f ? cone : -1.0f;
         angle = (double)envsamp__polar_fraction(1.0f - cone, 1.0f + cone) * (double)extent;
         angle *= ENVSAMP_SQRT(((double)place + 0.5) / (double)set_count);
