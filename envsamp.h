@@ -1701,7 +1701,7 @@ static double envsamp__lm_newton(const envsamp__lm *lm, const envsamp__lm_step *
     double bend = 0.0;
     int j;
 
-    for (j = 0; j < lm->n; ++j) {
+    for (j = 0; j < lm->n && step->length > 0.0; ++j) {
         double share = step->along[j] / step->length;
 
         if (share != 0.0) bend += share * share / (lm->sigma2[j] + step->damping);
