@@ -342,6 +342,8 @@ static envsamp_result request_result(const request *r, const fuzz_facts *facts)
         return r->nowhere ? ENVSAMP_ERR_NULL : r->sized;
     if (!r->map.image.pixels)
         return ENVSAMP_ERR_NULL;
+    if (r->map.skew)
+        return ENVSAMP_ERR_ALIGN;
     if (!r->defaults && r->kd_desc.strict && facts->bad)
         return ENVSAMP_ERR_VALUE;
     return facts->lit ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
@@ -389,7 +391,8 @@ static void check_bad_buffers(const request *r, fuzz_input *in)
     if (expected == ENVSAMP_OK)
         expected = wrong == 0 || !r->map.image.pixels ? ENVSAMP_ERR_NULL
                  : wrong == 1 ? ENVSAMP_ERR_MEMORY : ENVSAMP_ERR_ALIGN;
-    FUZZ_CHECK(build_into(r, &t, buffers[0], buffers[1]) == expected);
+    build_into(r, &t, buffers[0], buffers[1]);
+    FUZZ_CHECK(t.result == expected || (r->map.skew && t.result == ENVSAMP_ERR_ALIGN));
     FUZZ_CHECK(!sampler_data(&t.s));
     table_free(&t);
 }
@@ -440,7 +443,8 @@ static void target_build(fuzz_input *in)
         if (r.map.made && r.map.image.pixels) {
             const fuzz_facts facts = fuzz_map_facts(&r.map);
 
-            check_lookups(&r.map, in, &facts);
+            if (!r.map.skew)
+                check_lookups(&r.map, in, &facts);
             FUZZ_CHECK(first.result == request_result(&r, &facts));
             if (first.result == ENVSAMP_OK)
                 check_info(&r, &first, &facts);
@@ -597,6 +601,10 @@ static void target_steps(fuzz_input *in)
     request r = request_make(in, fuzz_rarely(in, 8) ? 24 : 7);
     table whole;
 
+    if (r.map.skew) {           /* which does not matter where a function gives rows */
+        r.map.image.pixels = (const float *)(const void *)r.map.pixels.data;
+        r.map.skew = 0;
+    }
     if (request_small(&r) && (r.map.made || r.sized != ENVSAMP_OK)) {
         if (r.map.image.pixels) {
             whole = table_build(&r, 0x3c);
@@ -911,6 +919,8 @@ static void run_lights(const fuzz_map *map, const envsamp_lights_desc *desc,
     FUZZ_CHECK(result == make_lights(map, desc, sizes, 0xff, &second, NULL));
     if (!map->image.pixels)
         FUZZ_CHECK(result == ENVSAMP_ERR_NULL);
+    else if (map->skew)
+        FUZZ_CHECK(result == ENVSAMP_ERR_ALIGN);
     else if (desc->strict && facts.bad)
         FUZZ_CHECK(result == ENVSAMP_ERR_VALUE);
     else if (facts.lit || facts.brightest == 0.0)   /* else only a double is above zero */
@@ -1043,7 +1053,9 @@ static void run_halftone(const tones *t, const envsamp_sizes *sizes, int capacit
     if (!t->map.image.pixels)
         FUZZ_CHECK(result == ENVSAMP_ERR_NULL);
     else if (capacity < t->desc.count)
-        FUZZ_CHECK(result == ENVSAMP_ERR_MEMORY);
+        FUZZ_CHECK(result == ENVSAMP_ERR_MEMORY || (t->map.skew && result == ENVSAMP_ERR_ALIGN));
+    else if (t->map.skew)
+        FUZZ_CHECK(result == ENVSAMP_ERR_ALIGN);
     else if (t->bad)
         FUZZ_CHECK(result == ENVSAMP_ERR_VALUE);
     else

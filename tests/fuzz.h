@@ -229,6 +229,7 @@ typedef struct fuzz_map {
     envsamp_image image;
     fuzz_guard pixels;
     int made;                   /* the pixels are those of the image; else they are none */
+    int skew;                   /* the address of the image's is so many bytes off */
 } fuzz_map;
 
 enum { FUZZ_CONSTANT, FUZZ_ANY_BITS, FUZZ_WIDE, FUZZ_LAMP, FUZZ_NOISE, FUZZ_ANY, FUZZ_HUGE,
@@ -324,7 +325,12 @@ static fuzz_map fuzz_map_make(fuzz_input *in, int most)
     map.pixels = fuzz_guard_make(bytes, sizeof(float), 0xff);   /* NaN between rows */
     if (map.made)
         fuzz_fill_map(in, &map);
-    image->pixels = fuzz_rarely(in, 64) ? NULL : (const float *)(const void *)map.pixels.data;
+    map.skew = fuzz_rarely(in, 64) ? fuzz_range(in, 1, 3) : 0;
+    image->pixels = (const float *)(const void *)(map.pixels.data + map.skew);
+    if (fuzz_rarely(in, 64)) {
+        image->pixels = NULL;
+        map.skew = 0;
+    }
     return map;
 }
 
