@@ -250,6 +250,7 @@ static request request_make(fuzz_input *in, int most)
     r.sized = r.cdf ? envsamp_cdf_sizes(image, r.defaults ? NULL : &r.cdf_desc, &r.sizes)
                     : envsamp_kd_sizes(image, r.defaults ? NULL : &r.kd_desc, &r.sizes);
     check_named(r.sized);
+    FUZZ_CHECK(r.sized != ENVSAMP_OK || (!r.nowhere && fuzz_image_good(image)));
     if (r.sized != ENVSAMP_OK)
         FUZZ_CHECK(r.sizes.table_bytes == 0 && r.sizes.scratch_bytes == 0);
     else
@@ -953,6 +954,7 @@ static void target_lights(fuzz_input *in)
     const envsamp_result result = envsamp_lights_sizes(&map.image, &desc, &sizes);
 
     check_named(result);
+    FUZZ_CHECK(result != ENVSAMP_OK || fuzz_image_good(&map.image));
     if (result != ENVSAMP_OK)
         FUZZ_CHECK(sizes.table_bytes == 0 && sizes.scratch_bytes == 0);
     else if (map.made && sizes.scratch_bytes <= MOST_BYTES)

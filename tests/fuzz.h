@@ -315,7 +315,7 @@ static fuzz_map fuzz_map_make(fuzz_input *in, int most)
     image->width = fuzz_int(in, 1, most, 64);
     image->height = fuzz_int(in, 1, most, 64);
     if (fuzz_rarely(in, 4))
-        image->row_stride_bytes = fuzz_row_bytes(image) + 4 * (size_t)fuzz_below(in, 16);
+        image->row_stride_bytes = fuzz_row_bytes(image) + 4 * (size_t)fuzz_below(in, 16) - 4;
     if (fuzz_rarely(in, 64))
         image->row_stride_bytes = (size_t)((uint64_t)fuzz_word(in) << 8 * fuzz_below(in, 5));
     map.made = fuzz_image_good(image)
