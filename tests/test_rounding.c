@@ -1,13 +1,12 @@
 /* test_rounding.c: directed rounding modes are not supported. In them a sample of an octahedral map
- * may be NaN, and tables may fail to open. But every build ends without an error, and every sample ends.
- * An alarm ends what does not. */
+ * may be NaN, and tables may fail to open. But every build ends without an error, and every sample
+ * ends. An alarm ends what does not. */
+#include "envsamp.h"
 #include "check.h"
-
-#define ENVSAMP_IMPLEMENTATION
-#include "../envsamp.h"
 
 #include <fenv.h>
 #include <signal.h>
+#include <string.h>
 #include <unistd.h>
 
 #define WIDTH 48
