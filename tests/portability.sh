@@ -76,11 +76,14 @@ run_row() {
         fi
     done
     cat >"$base.probe.c" <<'END'
+static double product(float x, float y) { return (double)x * (double)y; }
+static double (*volatile multiply)(float, float) = product;
+
 int main(void)
 {
-    volatile float a = 3.0f, b = 5.0f;
+    const double p = multiply(3.0f, 5.0f);
 
-    return (double)a * (double)b > 15.0 || (double)a * (double)b < 15.0 ? 3 : 0;
+    return p > 15.0 || p < 15.0 ? 3 : 0;
 }
 END
     if ! compile "$base.probe.c" "$base.exe" -w >/dev/null 2>&1; then
@@ -93,7 +96,7 @@ END
     case $runner in node*) ;; *) $runner "$base.exe" >/dev/null 2>&1 || able=$? ;; esac
     if ! compile "$source" "$base.exe" "$warnings" >"$base.log" 2>&1; then
         echo "fail does not compile"
-    elif [ $program = device ]; then
+    elif [ "$program" = device ]; then
         echo "compiled"
     elif [ $able = 3 ]; then
         echo "linked $runner multiplies 3 by 5 wrong"
