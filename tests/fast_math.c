@@ -323,7 +323,7 @@ static envsamp_result build_by(const library *by, kind kind, const envsamp_image
 static int move_table(const library *by, made *table, int last)
 {
     size_t bytes = under_test.bytes(table->kind, table->table);
-    void *to = put(table_region, bytes, 16, last);
+    void *to = put(table_region, bytes, ENVSAMP_ALIGN, last);
 
     memmove(to, table->table, bytes);
     return by->open(table->kind, to, bytes, &table->table) == ENVSAMP_OK;
@@ -629,7 +629,7 @@ static void test_damage(void)
         build_by(&reference, (kind)k, &map, &desc, &t);
         bytes = reference.bytes(t.kind, t.table);
         memcpy(copy, t.table, bytes);
-        to = put(table_region, bytes, 16, 1);
+        to = put(table_region, bytes, ENVSAMP_ALIGN, 1);
         for (at = 0; at < 2 * bytes / 4; at++) {
             const uint32_t nan = at & 1 ? 0xfff80000u : 0x7ff80000u;
             const void *opened, *wanted;

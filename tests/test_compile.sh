@@ -11,7 +11,7 @@ trap 'rm -rf "$work"' EXIT
 trap 'exit 1' HUP INT TERM
 
 strict="-Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Wdouble-promotion"
-strict="$strict -Wcast-qual -Werror -I$root"
+strict="$strict -Wcast-qual -fstrict-aliasing -Wstrict-aliasing=1 -Werror -I$root"
 strict_c="$strict -Wstrict-prototypes -Wmissing-prototypes"
 count=0
 failures=0
