@@ -43,7 +43,7 @@ size_t inside_cdf_at(const char *name)
 {
 #define FIELD(name) { #name, offsetof(envsamp_cdf, name) }
     static const field fields[] = {
-        FIELD(checksum), FIELD(mapping), FIELD(width), FIELD(height), FIELD(rows_at),
+        FIELD(bytes), FIELD(checksum), FIELD(mapping), FIELD(width), FIELD(height), FIELD(rows_at),
         FIELD(guide_at), FIELD(edges_at), FIELD(integral), FIELD(mis_compensation),
         FIELD(bilinear), FIELD(spare), { "end", sizeof(envsamp_cdf) }
     };

@@ -543,6 +543,70 @@ static int opens_with(sampler *s, size_t at, uint32_t word)
     return opens;
 }
 
+/* The checksum that belongs to a table's bytes; the table keeps its own. */
+static uint32_t checksum_of(sampler *s)
+{
+    const size_t at = s->cdf ? CDF_AT(checksum) : KD_AT(checksum);
+    unsigned char *byte = (unsigned char *)s->table.buffer.data;
+    uint32_t kept, sum;
+
+    memcpy(&kept, byte + at, 4);
+    if (s->cdf)
+        inside_cdf_seal(byte, s->table.buffer.bytes);
+    else
+        inside_kd_seal(byte);
+    memcpy(&sum, byte + at, 4);
+    memcpy(byte + at, &kept, 4);
+    return sum;
+}
+
+static void flip(unsigned char *at, uint32_t bits)
+{
+    uint32_t word;
+
+    memcpy(&word, at, 4);
+    word ^= bits;
+    memcpy(at, &word, 4);
+}
+
+/* Two words near the end of a table with the same bit turned over, one of the upper ones: a product
+   alone carries them nowhere, and one makes up for the other. Those of a cdf are four words apart:
+   it has four sums. */
+static void test_checksum(int kind)
+{
+    enum { WORDS = 64, APART = 8 };
+    const int step = kind == SAMPLER_CDF ? 4 : 1;
+    const envsamp_image map = make_map(SUNNY);
+    const sampler_request request = sampler_ask(kind, &map, 40);
+    int missed = 0, i, k;
+    unsigned bit;
+    sampler s;
+
+    sampler_make(&s, &request);
+    if (s.result == ENVSAMP_OK) {
+        const size_t bytes = s.cdf ? CDF_PLACE(s.cdf, bytes) : KD_WORD(s.kd, bytes);
+        const uint32_t whole = checksum_of(&s);
+
+        for (i = 0; i < WORDS; i++)
+            for (k = 0; k <= APART; k += step)
+                for (bit = 28; bit < 32; bit++) {
+                    unsigned char *one = (unsigned char *)s.table.buffer.data + bytes - 4 * (i + 1);
+                    unsigned char *other = one - 4 * k;
+
+                    flip(one, 1u << bit);
+                    flip(other, k ? 1u << bit : 0);
+                    missed += checksum_of(&s) == whole;
+                    flip(one, 1u << bit);
+                    flip(other, k ? 1u << bit : 0);
+                }
+        CHECK(checksum_of(&s) == whole, "%s: the bytes are as they were", sampler_names[kind]);
+    }
+    CHECK(s.result == ENVSAMP_OK && !missed,
+          "%s: its checksum notices one and two bits that are turned over, but %d",
+          sampler_names[kind], missed);
+    sampler_free(&s);
+}
+
 /* 40 blocks: 64 bins, whose words are own << 6 | alias, so not every alias is a block. */
 static void test_damaged_kd(int kind)
 {
@@ -622,6 +686,8 @@ int main(void)
         test_bad_channels(kind, 3);
         test_bad_channels(kind, 4);
     }
+    for (kind = 0; kind < SAMPLER_KINDS; kind++)
+        test_checksum(kind);
     for (kind = 0; kind < SAMPLER_CDF; kind++)
         test_damaged_kd(kind);
     test_damaged_cdf();
