@@ -25,6 +25,11 @@ PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard examples/common/*.h tests/*.h bench/*.h)
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
+# The longest first, so that all cores end together.
+LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh bits.sh fast_math.sh stack.sh) \
+            $(addprefix $(BUILD)/test_, kd_statistics kd_fit halftone cdf kd_warp kd_exact kd_table \
+              bilinear lights_cuts lights lights_decomposed kd_layout steps mapping placement)
+ORDERED  := $(filter $(TESTS) $(SCRIPTS),$(LONGEST)) $(filter-out $(LONGEST),$(TESTS) $(SCRIPTS))
 JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 
 # Compiled once: what examples link, what the demo and tests do, which read EXR files, and tests.
@@ -50,7 +55,7 @@ endif
 # As many jobs at a time as there are cores, unless JOBS or -j says otherwise.
 test: setup  ## build and run all tests
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) $(TESTS) $(EXAMPLES)
-	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --timer --exec '' $(TESTS) $(SCRIPTS)
+	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --timer --exec '' $(ORDERED)
 
 lights: $(BUILD)/lights  ## a map as directional lights, and pictures; LIGHTS="-k 32 data/city.pfm"
 	$(BUILD)/lights -o $(BUILD)/pictures $(LIGHTS)

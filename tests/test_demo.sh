@@ -7,9 +7,12 @@ tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
 count=0
 
-report() {  # pass (0 is yes), what
+report() {  # pass (0 is yes), what; a failure shows what the demo printed
     count=$((count + 1))
-    [ "$1" = 0 ] && echo "ok $count - $2" || echo "not ok $count - $2"
+    [ "$1" = 0 ] && echo "ok $count - $2" && return
+    echo "not ok $count - $2"
+    { echo "$0: $demo -o $tmp/out: $2"; head -n 10 "$tmp/stdout" "$tmp/stderr"; } \
+        | sed 's/^/#   /' >&2
 }
 
 rejects() {  # file, what

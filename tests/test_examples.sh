@@ -6,14 +6,15 @@ tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
 count=0
 
-report() {  # pass (0 is yes), what
+report() {  # pass (0 is yes), what; a failure shows what the example printed
     count=$((count + 1))
-    [ "$1" = 0 ] && echo "ok $count - $2" || echo "not ok $count - $2"
+    [ "$1" = 0 ] && echo "ok $count - $2" && return
+    echo "not ok $count - $2"
+    { echo "$0: $2"; head -n 20 "$tmp/out" "$tmp/err"; } | sed 's/^/#   /' >&2
 }
 
 build/product -q >"$tmp/out" 2>"$tmp/err"
 report $? "halftoned products have a third of the error of BRDF sampling, half of SIR's"
-sed 's/^/#   /' "$tmp/out"
 build/product "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
 [ $? = 1 ] && grep -qF missing.pfm "$tmp/err"
 report $? "product: a missing map: $(head -n 1 "$tmp/err" | sed "s#$tmp/##g")"
