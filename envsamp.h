@@ -3946,8 +3946,7 @@ static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
             for (k = 0; k < fit->count; k++)
                 fit->weight[k] = 1.0 / ENVSAMP_SQRT(ENVSAMP__FABS(fit->weight[k]) + 1e-9);
         }
-        if (envsamp_lm(&desc, envsamp__fit_residuals, fit, param, fit->lm_scratch, NULL))
-            return;
+        envsamp_lm(&desc, envsamp__fit_residuals, fit, param, fit->lm_scratch, NULL);
         envsamp__fit_keep(point, envsamp__fit_cost(fit, param, NULL), param);
     }
 }
@@ -8079,10 +8078,8 @@ static int envsamp__is_wide(const envsamp_image *image, int x0, int y0, int x1, 
    sphere as that of some light, which has this sum of luminance x direction. */
 static float envsamp__cone(double luminance, const double v[3])
 {
-    double r = 1.0;
+    double r = ENVSAMP_SQRT(envsamp__dot(v, v)) / luminance;
 
-    if (luminance > 0.0)
-        r = ENVSAMP_SQRT(envsamp__dot(v, v)) / luminance;
     return (float)envsamp__clamp(2.0 * r - 1.0, -1.0, 1.0);
 }
 
@@ -8169,8 +8166,6 @@ static void envsamp__sum_below(const envsamp__cuts *cuts, int x0, int y0, int x1
 
 static double envsamp__spread(const double sum[4])
 {
-    if (!(sum[0] > 0.0))
-        return 0.0;
     return envsamp__max(sum[0] - (sum[1] * sum[1] + sum[2] * sum[2] + sum[3] * sum[3]) / sum[0],
                         0.0);
 }
@@ -9343,11 +9338,10 @@ static int envsamp__draw_directs(envsamp__decomposition *d, int wanted)
             if (d->near_cosine <= 1.0)
                 envsamp__mask_near(d, &d->texel[made]);
             made++;
-        } else if (d->near_cosine <= 1.0) {
+        } else {
+            wanted = d->near_cosine <= 1.0 ? wanted : made;     /* or there are no more */
             d->near_cosine = 2.0;
             envsamp__unmask(d, 0);
-        } else {
-            break;
         }
     }
     envsamp__unmask(d, 1);

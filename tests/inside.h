@@ -105,4 +105,12 @@ extern void inside_octahedral_uv(const float dir[3], float uv[2]);
 
 extern void inside_wrap(envsamp_mapping mapping, int width, int height, int *x, int *y);
 
+/* ---- what a map brings about on small machines, or hardly ever ---- */
+
+/* What a _sizes function says of so many bytes. */
+extern envsamp_result inside_set_sizes(envsamp_sizes *sizes, uint64_t table, uint64_t scratch);
+
+/* Weighs two lights of RELAXED that stand at one place, while they move and at last. */
+extern void inside_weigh_twins(double weight[2], envsamp_light lights[2]);
+
 #endif

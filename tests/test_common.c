@@ -1601,6 +1601,21 @@ static void test_bright_texel(void)
     CHECK(!negative, "bilinear is never negative, but for %d", negative);
 }
 
+/* ---- sizes ---- */
+
+/* The largest that a buffer may be, and a byte more in one of two. */
+static void test_largest_sizes(void)
+{
+    const uint64_t most = SIZE_MAX / 2;
+    envsamp_sizes sizes = { 0, 0 };
+
+    CHECK(inside_set_sizes(&sizes, most, most) == ENVSAMP_OK && sizes.table_bytes == SIZE_MAX / 2
+          && sizes.scratch_bytes == SIZE_MAX / 2, "buffers of half of the memory that there can be");
+    CHECK(inside_set_sizes(&sizes, most + 1, 16) == ENVSAMP_ERR_SIZE
+          && inside_set_sizes(&sizes, 16, most + 1) == ENVSAMP_ERR_SIZE
+          && sizes.table_bytes == SIZE_MAX / 2, "and of a byte more");
+}
+
 int main(int argument_count, char **arguments)
 {
     if (argument_count > 1)
@@ -1632,5 +1647,6 @@ int main(int argument_count, char **arguments)
     test_lookup();
     test_horizon();
     test_bright_texel();
+    test_largest_sizes();
     return check_done();
 }

@@ -3,6 +3,7 @@
  * of RELAXED must be the minimum of the energy distance that the header names.
  */
 #include "check.h"
+#include "inside.h"
 
 #include "../envsamp.h"
 
@@ -228,6 +229,29 @@ static void test_shapes(void)
         }
         check_verdict("odd shapes", method, &v);
     }
+}
+
+/* Two texels opposite one another have no centroid: their one light stands in the middle of the
+   map. */
+static void test_opposite(void)
+{
+    canvas c = canvas_make(2, 1, 3, 0);
+    int method;
+
+    canvas_fill(&c, 0, 0, 2, 1, 0.5f);
+    for (method = 0; method < METHODS; method++) {
+        const envsamp_lights_desc desc = ask(method, 1);
+        light_set s;
+
+        set_make(&s, &c.view, &desc);
+        CHECK(s.result == ENVSAMP_OK && fabsf(s.lights[0].dir[0] + 1.0f) < 1e-6f
+              && fabs((double)s.lights[0].irradiance[1] / (0.5 * 4.0 * KD_PI) - 1.0) < 1e-6
+              && s.lights[0].cos_extent <= -1.0f, "%s: a light of two opposite texels is at %g, %g, "
+              "%g", method_names[method], (double)s.lights[0].dir[0], (double)s.lights[0].dir[1],
+              (double)s.lights[0].dir[2]);
+        set_free(&s);
+    }
+    free(c.pixels);
 }
 
 /* Maps from the least floats to the largest, with one of the largest, and with bad pixels. */
@@ -1261,6 +1285,22 @@ static void test_least_weight(void)
           "is %.4f of what is nearest, %.0f of them", least, clamped);
 }
 
+/* Lights at one place keep their weights: there are no best ones. */
+static void test_twins(void)
+{
+    double weight[2] = { 0.25, 0.75 };
+    envsamp_light lights[2];
+
+    memset(lights, 0, sizeof lights);
+    lights[0].irradiance[1] = 3.0f;
+    lights[1].irradiance[1] = 5.0f;
+    inside_weigh_twins(weight, lights);
+    CHECK(weight[0] <= 0.25 && weight[0] >= 0.25 && weight[1] <= 0.75 && weight[1] >= 0.75
+          && lights[0].irradiance[1] >= 3.0f && lights[0].irradiance[1] <= 3.0f
+          && lights[1].irradiance[1] >= 5.0f && lights[1].irradiance[1] <= 5.0f,
+          "RELAXED: two lights at one place keep their weights");
+}
+
 /* ---- the energy distance ---- */
 
 /* Of a map to itself: it makes the distance 0 where lights are the map. */
@@ -2243,6 +2283,7 @@ int main(void)
 
     test_maps();
     test_shapes();
+    test_opposite();
     test_values();
     test_judge();
     test_cuts();
@@ -2252,6 +2293,7 @@ int main(void)
     test_where();
     for (method = 0; method < 3; method++)
         test_moves((envsamp_mapping)method, 9);
+    test_twins();
     test_distance();
     test_irradiance();
     for (method = 0; method < METHODS; method++) {
