@@ -2097,7 +2097,7 @@ static envsamp__polar envsamp__polar_edge(const envsamp__map *map, double y)
     int row = (int)y + (y >= (double)map->image_height + map->offset ? map->bilinear : 0);
     envsamp__polar p;
 
-    if (envsamp__y_edge(map, row) < y || row > map->height)
+    if (envsamp__y_edge(map, row) < y)
         return envsamp__polar_at(map, y);
     p.cap = map->cap[row];
     p.south = map->mapping == ENVSAMP_LATLONG
@@ -2992,7 +2992,7 @@ static int envsamp__add_cells(const envsamp__map *map, int k, int y, int x0, int
                 || whole * rms * rms > bins->least_square)) {
             stack[top].k = k - 1;
             stack[top++].cells = envsamp__parts(map, k, x, y);
-        } else if (inside > 0.0) {
+        } else {
             envsamp__add_moments(bins, envsamp__max_int(x << level->shift, (int)rect->x0),
                                  (int)upper, sum, square, cell[x].peak);
         }
@@ -3010,7 +3010,7 @@ static void envsamp__add_waiting(const envsamp__map *map, const envsamp__rect *r
 
         w.x0 = envsamp__max_int(w.x0, (int)rect->x0 >> shift);
         w.y0 = envsamp__max_int(w.y0, (int)rect->y0 >> shift);
-        while (w.x1 > w.x0 && (double)((w.x1 - 1) << shift) >= rect->x1)
+        while ((double)((w.x1 - 1) << shift) >= rect->x1)
             w.x1--;
         for (y = w.y0; y < w.y1 && (double)(y << shift) < rect->y1; y++)
             if (k == 0)
@@ -5508,7 +5508,7 @@ static int envsamp__kd_header_valid(const envsamp_kd *kd, size_t bytes)
         || kd->mapping > ENVSAMP_OCTAHEDRAL || kd->bilinear > 1
         || !envsamp__in_range(kd->mis_compensation, 0.0f, 1.0f)
         || kd->width < 1 || kd->width > 65535 || kd->height < 1 || kd->height > 65535
-        || kd->block_count < 1 || kd->block_count > 1048576
+        || kd->block_count > 1048576
         || kd->drawn_count < 1 || kd->drawn_count > kd->block_count)
         return 0;
     ENVSAMP_MEMCPY(&layout, kd, sizeof layout);

@@ -32,6 +32,7 @@ size_t inside_kd_at(const char *name)
         FIELD(grid_scale_y), FIELD(bilinear), FIELD(fit_end), FIELD(fit_step), FIELD(tiles_at),
         FIELD(warp_at), FIELD(edges_at), FIELD(pdf_at), FIELD(alias_at), FIELD(roots_at),
         FIELD(nodes_at), FIELD(grid_at), FIELD(polar_end), FIELD(integral),
+        FIELD(alpha), FIELD(fit_alpha),
         FIELD(mis_compensation), FIELD(spare), { "end", sizeof(envsamp_kd) }
     };
 #undef FIELD

@@ -621,7 +621,7 @@ static void test_special_numbers(void)
 {
     const float special[] = { 0.0f, 1.0f - FLT_EPSILON / 2, 1.0f, -1.0f, 2.0f, NAN, -NAN, INFINITY,
                               -INFINITY, FLT_MIN / 2, -FLT_MIN / 2, FLT_MAX, -FLT_MAX, -0.0f,
-                              0.5f, 1e-10f, 4294967296.0f };
+                              0.5f, 1e-10f, 4294967296.0f, 0x1p-13f };
     const int count = (int)(sizeof special / sizeof special[0]);
     const int blocks[] = { 1, 2, 777, 4096 };
     int b, kind, i, j;

@@ -733,6 +733,27 @@ static void test_wrong_bits(trial *t)
     CHECK(!opened, "other counts of bits, blocks and kinds are refused, but %d", opened);
 }
 
+/* A model of FIT with another alpha, which the header holds as a float too. */
+static int opens_with_alpha(trial *t, double alpha)
+{
+    const float rounded = (float)alpha;
+
+    memcpy(t->table + KD_AT(alpha), &alpha, sizeof alpha);
+    return opens_with_float(t, KD_AT(fit_alpha), rounded);
+}
+
+static void test_wrong_alpha(trial *t)
+{
+    const double bad[] = { (double)NAN, (double)INFINITY, -1.0, 0.0, 1e-10, 1e5, 1e30 };
+    const double own = t->f->info.alpha;
+    int i, opened = 0;
+
+    for (i = 0; i < (int)(sizeof bad / sizeof bad[0]); i++)
+        opened += opens_with_alpha(t, bad[i]);
+    CHECK(opens_with_alpha(t, own), "the model's alpha, %.3g, is fine", own);
+    CHECK(!opened && !opens_with_alpha(t, own * 1.001), "others are refused, but %d", opened);
+}
+
 static void test_refusals(int kind)
 {
     kd_fixture f;
@@ -746,6 +767,8 @@ static void test_refusals(int kind)
         test_wrong_edges(&t, KD_WORD(f.kd, edges_at), f.info.block_count, "blocks");
         test_wrong_densities(&t);
     }
+    if (f.desc.select == ENVSAMP_KD_FIT)
+        test_wrong_alpha(&t);
     test_wrong_source(&t);
     test_wrong_places(&t);
     free(t.table);

@@ -817,6 +817,33 @@ static void check_blocks(const subject *s, const char *what)
           what, s->count, off, probability);
 }
 
+/* One lit texel of 1.5e-5 turns, 256 floats wide, is not cut into 512 columns: tiles are fewer. */
+static void test_coarse(void)
+{
+    const int width = 65535, height = 16;
+    float *pixels = (float *)kd_allocate((size_t)width * (size_t)height * sizeof *pixels);
+    const envsamp_image view = kd_image(pixels, width, height, 1);
+    const envsamp_kd_desc desc = kd_desc(1048576, ENVSAMP_KD_WARP);
+    pcg32 random = pcg32_make(3, 7);
+    int i, tiles, outside = 0;
+    kd_fixture f;
+
+    pixels[7 * width + width - 1] = 5.0f;
+    tiles = kd_fixture_build(&f, &view, &desc) ? kd_tile_count(f.kd) : 0;
+    CHECK(tiles == 65536, "a texel at the end of a row: a quarter of the tiles of others, %d", tiles);
+    for (i = 0; f.kd && i < 10000; i++) {
+        const float u0 = pcg32_float(&random);
+        const envsamp_sample s = envsamp_kd_sample(f.kd, u0, pcg32_float(&random));
+
+        outside += s.uv[0] < 1.0f - 1.6e-5f || fabsf(s.uv[1] - 7.5f / 16.0f) > 0.5f / 16.0f + 1e-6f
+                || !(s.pdf > 0.0f);
+    }
+    CHECK(f.info.excess_variance < 1e-5 && !outside, "excess %.1e, %d of 10000 samples beside it",
+          f.info.excess_variance, outside);
+    kd_fixture_free(&f);
+    free(pixels);
+}
+
 /* A map of one column and 65535 rows, one of them as bright as to be cut into blocks that are
    thinner than floats of v tell. What is told is still a block. */
 static void test_thin(envsamp_mapping mapping, int row)
@@ -990,6 +1017,7 @@ int main(int argc, char **argv)
     test_sun(3, 3, 1e4f, 1, 1048576, 0);
     test_sun(40, 1, 1e12f, 1, 1000, 0);
     test_sun(1, 40, 1e12f, 1, 1000, 0);
+    test_coarse();
     test_thin(ENVSAMP_HEMISPHERE, 65534);
     test_thin(ENVSAMP_LATLONG, 32767);
     test_thin(ENVSAMP_LATLONG, 65534);

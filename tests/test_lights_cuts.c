@@ -231,6 +231,18 @@ static void test_shapes(void)
     }
 }
 
+/* 1000 lights of RELAXED want more pieces than there is room for. */
+static void test_many_pieces(void)
+{
+    canvas c = noise_map(256, 256, 12, 1.0f);
+    verdict v;
+
+    memset(&v, 0, sizeof v);
+    judge_view(&c.view, RELAXED, 1000, &v);
+    check_verdict("more pieces than there is room for", RELAXED, &v);
+    free(c.pixels);
+}
+
 /* Two texels opposite one another have no centroid: their one light stands in the middle of the
    map. */
 static void test_opposite(void)
@@ -2283,6 +2295,7 @@ int main(void)
 
     test_maps();
     test_shapes();
+    test_many_pieces();
     test_opposite();
     test_values();
     test_judge();
