@@ -6945,11 +6945,13 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
 {
     envsamp__diamond d = envsamp__place(cdf->mapping, cdf->polar_end, x, y, z, r);
     const envsamp__cdf_row *rows = envsamp__cdf_rows(cdf);
-    uint32_t cell = envsamp__index(d.polar * cdf->polar_scale, 1u << cdf->polar_bits);
+    uint32_t cell = (uint32_t)(int)(d.polar * cdf->polar_scale);
     float turn = cdf->mapping == ENVSAMP_OCTAHEDRAL ? 0.25f * d.azimuth
                : envsamp__turn(d.valid ? y : 0.0f, d.valid ? x : 0.0f);
     envsamp__cdf_place at;
 
+    /* after the turn: before it, clang makes branches of the choices in there, at twice the time */
+    cell = cell < 1u << cdf->polar_bits ? cell : (1u << cdf->polar_bits) - 1;
     at.row = envsamp__cdf_halves(cdf, cdf->polar_guide_at)[cell];
     while (at.row + 1 < cdf->height && d.polar >= rows[at.row + 1].polar)
         at.row++;
