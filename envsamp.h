@@ -5171,7 +5171,7 @@ static void envsamp__write_blocks(const envsamp_kd_job *job, envsamp_kd *kd)
         edges[i].y0 = envsamp__edge_y(&job->map, b->rect.y0);
         edges[i].y1 = envsamp__edge_y(&job->map, b->rect.y1);
         sr = envsamp__edges_sr(kd->mapping, &edges[i]);
-        pdf[i] = probability > 0.0 ? (float)(probability / sr) : 0.0f;   /* -0 is a link */
+        pdf[i] = probability > 0.0 ? (float)(probability / sr) : 0.0f;   /* -0 would be a link */
         if (probability > 0.0 && pdf[i] < FLT_MIN) {
             pdf[i] = FLT_MIN;           /* a steep fit: lit, so not zero */
             probability = (double)FLT_MIN * sr;
