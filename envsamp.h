@@ -7009,10 +7009,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
     x0 = envsamp__max((double)at.column - (double)cdf->offset, 0.0);
     x1 = (double)at.column + 1.0 - (double)cdf->offset;
     x1 = x1 < (double)cdf->image_width ? x1 : (double)cdf->image_width;
-    f = e.x * (double)cdf->image_width - x0;
-    if (f < -0.5 * (double)cdf->image_width)
-        f += (double)cdf->image_width;      /* the seam, taken for the end by the one, for the */
-    u[0] = envsamp__cdf_number(edge, f / (x1 - x0));    /* beginning by the other */
+    u[0] = envsamp__cdf_number(edge, (e.x * (double)cdf->image_width - x0) / (x1 - x0));
     y0 = envsamp__cdf_row_edge(row);
     y1 = envsamp__cdf_row_edge(row + 1);
     top = (double)ENVSAMP_FABSF(y0);
