@@ -1610,7 +1610,7 @@ static void test_largest_sizes(void)
     envsamp_sizes sizes = { 0, 0 };
 
     CHECK(inside_set_sizes(&sizes, most, most) == ENVSAMP_OK && sizes.table_bytes == SIZE_MAX / 2
-          && sizes.scratch_bytes == SIZE_MAX / 2, "buffers of half of the memory that there can be");
+          && sizes.scratch_bytes == SIZE_MAX / 2, "buffers of half of the memory that can be");
     CHECK(inside_set_sizes(&sizes, most + 1, 16) == ENVSAMP_ERR_SIZE
           && inside_set_sizes(&sizes, 16, most + 1) == ENVSAMP_ERR_SIZE
           && sizes.table_bytes == SIZE_MAX / 2, "and of a byte more");

@@ -830,7 +830,8 @@ static void test_coarse(void)
 
     pixels[7 * width + width - 1] = 5.0f;
     tiles = kd_fixture_build(&f, &view, &desc) ? kd_tile_count(f.kd) : 0;
-    CHECK(tiles == 65536, "a texel at the end of a row: a quarter of the tiles of others, %d", tiles);
+    CHECK(tiles == 65536, "a texel at the end of a row has a quarter of the tiles of others: %d",
+          tiles);
     for (i = 0; f.kd && i < 10000; i++) {
         const float u0 = pcg32_float(&random);
         const envsamp_sample s = envsamp_kd_sample(f.kd, u0, pcg32_float(&random));

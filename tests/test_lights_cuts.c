@@ -258,8 +258,8 @@ static void test_opposite(void)
         set_make(&s, &c.view, &desc);
         CHECK(s.result == ENVSAMP_OK && fabsf(s.lights[0].dir[0] + 1.0f) < 1e-6f
               && fabs((double)s.lights[0].irradiance[1] / (0.5 * 4.0 * KD_PI) - 1.0) < 1e-6
-              && s.lights[0].cos_extent <= -1.0f, "%s: a light of two opposite texels is at %g, %g, "
-              "%g", method_names[method], (double)s.lights[0].dir[0], (double)s.lights[0].dir[1],
+              && s.lights[0].cos_extent <= -1.0f, "%s: a light of two opposite texels is at %g, "
+              "%g, %g", method_names[method], (double)s.lights[0].dir[0], (double)s.lights[0].dir[1],
               (double)s.lights[0].dir[2]);
         set_free(&s);
     }
