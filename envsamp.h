@@ -6848,12 +6848,6 @@ ENVSAMP__HOT uint32_t envsamp__cdf_find_row(const envsamp_cdf *cdf, uint32_t dra
                              envsamp__cdf_halves(cdf, cdf->row_guide_at), cdf->row_bits, draw);
 }
 
-ENVSAMP__HOT uint32_t envsamp__cdf_find_column(const envsamp_cdf *cdf, uint32_t row, uint32_t draw)
-{
-    return envsamp__cdf_find(envsamp__cdf_edges(cdf, row), cdf->width,
-                             envsamp__cdf_guide(cdf, row), cdf->guide_bits, draw);
-}
-
 /* Which of its 2^24 values a number is. */
 ENVSAMP__HOT uint32_t envsamp__draw(float u)
 {
@@ -6883,23 +6877,18 @@ ENVSAMP__HOT float envsamp__cdf_parts_pdf(const envsamp_cdf *cdf, uint32_t row, 
 ENVSAMP__HOT envsamp__texel envsamp__cdf_texel(const envsamp_cdf *cdf, uint32_t row,
                                                uint32_t across, uint32_t down)
 {
-    uint32_t column = envsamp__cdf_find_column(cdf, row, across);
-    const uint32_t *edge = envsamp__cdf_edges(cdf, row) + column;
+    const uint32_t *edge = envsamp__cdf_edges(cdf, row);
+    uint32_t column = envsamp__cdf_find(edge, cdf->width, envsamp__cdf_guide(cdf, row),
+                                        cdf->guide_bits, across);
     envsamp__texel t;
 
+    edge += column;
     t.row = row;
     t.column = column;
     t.fx = envsamp__cdf_fraction(edge, across);
     t.fy = envsamp__cdf_fraction(envsamp__cdf_words(cdf, cdf->row_edges_at) + row, down);
     t.pdf = envsamp__cdf_parts_pdf(cdf, row, column, edge[1] - edge[0]);
     return t;
-}
-
-ENVSAMP__HOT envsamp__texel envsamp__cdf_choose(const envsamp_cdf *cdf, float u0, float u1)
-{
-    uint32_t down = envsamp__draw(u1);
-
-    return envsamp__cdf_texel(cdf, envsamp__cdf_find_row(cdf, down), envsamp__draw(u0), down);
 }
 
 ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__texel t)
@@ -6918,19 +6907,15 @@ ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__
     return p;
 }
 
-/* Inlined, so that whoever wants but the place pays for no direction. */
-ENVSAMP__HOT envsamp_sample envsamp__cdf_draw(const envsamp_cdf *cdf, float u0, float u1)
-{
-    envsamp__texel t = envsamp__cdf_choose(cdf, u0, u1);
-
-    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, t), t.pdf);
-}
-
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *cdf, float u0,
                                                              float u1)
 {
+    uint32_t down = envsamp__draw(u1);
+    envsamp__texel t;
+
     ENVSAMP_ASSERT(cdf);
-    return envsamp__cdf_draw(cdf, u0, u1);
+    t = envsamp__cdf_texel(cdf, envsamp__cdf_find_row(cdf, down), envsamp__draw(u0), down);
+    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, t), t.pdf);
 }
 
 /* ---- density ---- */

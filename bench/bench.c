@@ -444,7 +444,17 @@ static uint32_t search(const uint32_t *edges, uint32_t count, uint32_t draw)
     return (uint32_t)(first - edges) - 1;
 }
 
-/* envsamp__cdf_draw but for how row and column are found. */
+/* As envsamp_cdf_sample, but inlined: without what the caller does not use. */
+static inline envsamp_sample guided_draw(const envsamp_cdf *cdf, float u0, float u1)
+{
+    uint32_t down = envsamp__draw(u1);
+    envsamp__texel t = envsamp__cdf_texel(cdf, envsamp__cdf_find_row(cdf, down),
+                                          envsamp__draw(u0), down);
+
+    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, t), t.pdf);
+}
+
+/* The same but for how row and column are found. */
 static envsamp_sample searched_draw(const envsamp_cdf *cdf, float u0, float u1)
 {
     uint32_t across = envsamp__draw(u0), down = envsamp__draw(u1);
@@ -489,9 +499,9 @@ static double name(const envsamp_cdf *cdf, uint64_t seed)                       
 #define UV (s.uv[0] + s.uv[1])
 #define DIR_PDF ((s.dir[0] + s.dir[1]) + (s.dir[2] + s.pdf))
 INVERSION_LOOP(searched_uv, searched_draw, UV)
-INVERSION_LOOP(guided_uv, envsamp__cdf_draw, UV)
+INVERSION_LOOP(guided_uv, guided_draw, UV)
 INVERSION_LOOP(searched_dir, searched_draw, DIR_PDF)
-INVERSION_LOOP(guided_dir, envsamp__cdf_draw, DIR_PDF)
+INVERSION_LOOP(guided_dir, guided_draw, DIR_PDF)
 
 static double guided_n(const envsamp_cdf *cdf, uint64_t seed)
 {

@@ -202,7 +202,9 @@ float inside_row_edge(const envsamp_cdf *cdf, uint32_t row)
 
 inside_texel inside_draw(const envsamp_cdf *cdf, float u0, float u1)
 {
-    const envsamp__texel t = envsamp__cdf_choose(cdf, u0, u1);
+    const uint32_t down = envsamp__draw(u1);
+    const envsamp__texel t = envsamp__cdf_texel(cdf, envsamp__cdf_find_row(cdf, down),
+                                                envsamp__draw(u0), down);
     const inside_texel texel = { t.column, t.row };
 
     return texel;
