@@ -4365,7 +4365,6 @@ static double envsamp__edges_sr(uint32_t mapping, const envsamp__edges *e)
                                 (double)ENVSAMP_FABSF(e->y1), envsamp__sign(e->y1));
 }
 
-
 /* A child of a cut as the table knows it: blocks by their density. */
 static uint32_t envsamp__table_link(const envsamp_kd *kd, uint32_t link, const uint32_t *place)
 {
@@ -6746,18 +6745,17 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
     }
     for (y = 0; y < cdf->height; y++) {
         envsamp__edges row = { 0.0f, 1.0f, 0.0f, 0.0f };
-        double density, off;
+        double sr, density;
 
         row.y0 = envsamp__cdf_row_edge(rows + y);
         row.y1 = envsamp__cdf_row_edge(rows + y + 1);
-        density = envsamp__cdf_row_density(edges + y, envsamp__edges_sr(cdf->mapping, &row)
-                                                      / (double)cdf->image_width);
-        off = (double)rows[y].density - density;
-        if (envsamp__edge_key(row.y0) >= envsamp__edge_key(row.y1)
-            || !(rows[y].polar < rows[y + 1].polar)
-            || !envsamp__in_range(rows[y].density, 0.0f, FLT_MAX)
-            || !(ENVSAMP__FABS(off) <= 0.01 * density))     /* edges of low rows are rounded */
+        sr = envsamp__edges_sr(cdf->mapping, &row) / (double)cdf->image_width;
+        if (!(sr > 0.0) || !(rows[y].polar < rows[y + 1].polar)
+            || !envsamp__in_range(rows[y].density, 0.0f, FLT_MAX))
             return 0;
+        density = envsamp__cdf_row_density(edges + y, sr);
+        if (!(ENVSAMP__FABS((double)rows[y].density - density) <= 0.01 * density))
+            return 0;                                       /* edges of low rows are rounded */
     }
     for (cell = y = 0; cell < 1u << cdf->polar_bits; cell++) {
         while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
