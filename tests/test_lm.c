@@ -756,6 +756,25 @@ static void test_max_iterations(void)
     }
 }
 
+/* Only the first step sets the trust radius to its length; later ones move it by what they gain.
+   Bounds are twice what was measured. Where the residuals are 0 already no step is tried. */
+static void test_steps_taken(void)
+{
+    problem solved = problems[0];
+    double params[MAX_PARAMS];
+    envsamp_lm_info info = solve(&problems[0], 10.0, params);
+
+    CHECK(info.evaluations <= 36, "Rosenbrock from 10 times the start: %d calls, at most 36",
+          info.evaluations);
+    info = solve(&problems[2], 1.0, params);
+    CHECK(info.evaluations <= 106, "%s: %d calls, at most 106", problems[2].name,
+          info.evaluations);
+    memcpy(solved.start, solved.minimiser, sizeof solved.start);
+    info = solve(&solved, 1.0, params);
+    CHECK(info.converged && IS(info.iterations, 0) && IS(info.cost, 0.0),
+          "from the minimum of Rosenbrock: no step");
+}
+
 /* A tolerance below DBL_EPSILON counts as that. */
 static void test_least_tolerance(void)
 {
@@ -896,6 +915,7 @@ int main(void)
     test_rest();
     test_freed();
     test_max_iterations();
+    test_steps_taken();
     test_tolerances_stop();
     test_least_tolerance();
     test_scale();
