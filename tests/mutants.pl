@@ -423,7 +423,7 @@ sub read_equivalent {
     my ($path) = @_;
     my (%why, %entry);
 
-    for (split /\n/, (slurp($path) // '') . "\n") {
+    for (split /\n/, (slurp($path) // '') . "\n", -1) {        # with the empty line at the end
         next if /^#/;
         if (/^(in|line|with|why):\s*(.*?)\s*$/) {
             $entry{$1} = $2;
