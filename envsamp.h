@@ -147,10 +147,10 @@
  * Where all macros that a header is for are defined, it is not included; with all of the above,
  * float.h, limits.h, stddef.h and stdint.h are left, which a freestanding compiler has.
  *
- * LIMITS. Directions may be 1e-15 to 1e18 long. Tables are in the
- * byte order of the machine that built them; one from a machine of the other order fails to open.
- * Directed rounding modes are not supported: in them calls end, but results may be wrong. clang,
- * unless told -ffp-exception-behavior=maytrap, raises floating-point exceptions that no C asks for.
+ * LIMITS. Directions may be 1e-15 to 1e18 long. Tables are in the byte order of the machine that
+ * built them; one from a machine of the other order fails to open. Directed rounding modes are not
+ * supported: in them calls end, but results may be wrong. clang, unless told
+ * -ffp-exception-behavior=maytrap, raises floating-point exceptions that no line of C asks for.
  * A map with nothing brighter than 1e-36 is sampled right, but its info has lost digits.
  * Where size_t has 32 bits, _sizes refuses maps of 4 GB and buffers of 2 GB: ENVSAMP_ERR_SIZE.
  *
