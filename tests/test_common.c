@@ -1248,6 +1248,9 @@ static void test_random_numbers(void)
     }
     for (bit = 0; bit < 31; bit++)
         uneven += abs(2 * ones[bit] - NUMBERS_DRAWN) > 5 * 256 || flips[bit] < NUMBERS_DRAWN - 1;
+    CHECK(inside_random(0x0ba1bc42u, 0) == 1.0 / 4294967296.0
+          && inside_random(0x20c9e3eeu, 0) == 1.0 - 1.0 / 4294967296.0,
+          "the least and the greatest, which these seeds give, are 2^-32 and 1 - 2^-32");
     CHECK(!astray, "random numbers are odd multiples of 2^-32 in (0, 1), but %d", astray);
     CHECK(!uneven, "each bit is set in half of them, and all of a seed counts, but for %d", uneven);
 }
