@@ -6291,10 +6291,10 @@ static int envsamp__cdf_sums_add(const envsamp_cdf *cdf, uint64_t bytes, envsamp
 
 static uint32_t envsamp__cdf_sums_end(const envsamp__cdf_sums *s)
 {
-    uint32_t sum = s->sum[0];
+    uint32_t sum = 2166136261u;
     int k;
 
-    for (k = 1; k < 4; k++) {
+    for (k = 0; k < 4; k++) {
         sum = (sum ^ s->sum[k]) * 16777619u;
         sum ^= sum >> 15;
     }

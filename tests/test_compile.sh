@@ -119,7 +119,7 @@ END
 # ---- compilers and standards ----
 
 # standards STANDARD...: all checks in the first one, the two that matter in the others. What the
-# optimiser warns of depends on its level, not on the standard, so it works once.
+# optimiser warns of depends on its level, not on the standard or the language, so it works once.
 standards()
 {
     level=-O2
@@ -127,10 +127,10 @@ standards()
         for source in implementation declarations; do
             check "$compiler $standard: $source" compile "$source" $level
         done
-        level=-O0
+        level=-fsyntax-only
     done
     standard=$1
-    check "$compiler $standard: without assert" compile implementation -O3 -DNDEBUG
+    check "$compiler $standard: without assert" compile implementation $release -DNDEBUG
     check "$compiler $standard: ENVSAMP_STATIC, and most of it unused" compile static -O1
     check "$compiler $standard: a function of one's own for each of libc" compile own_all -O0
     check "$compiler $standard: without stdio.h" compile no_stdio -O0
@@ -196,6 +196,7 @@ untried()
 try_compilers()
 {
     language=$1 flags=$2 wanted=$3
+    [ $language = c ] && release=-O3 || release=-fsyntax-only
     tried=
     shift 3
     for compiler in "$@"; do

@@ -1,6 +1,8 @@
 /* test_lights_cuts.c: lights that are centroids of parts of a map: MEDIAN_CUT, VARIANCE_CUT and
  * RELAXED, and their interleaved sets. Cuts are made again by brute force over the texels; weights
  * of RELAXED must be the minimum of the energy distance that the header names.
+ *
+ *     test_lights_cuts [quick]       quick: without the long one, for slow tools
  */
 #include "check.h"
 #include "inside.h"
@@ -1992,7 +1994,7 @@ static void test_few(int method, int texels, int count, float floor)
     free(c.pixels);
 }
 
-/* RELAXED gives the lights of HALFTONE where there are less than twice as many lit texels. */
+/* RELAXED gives the lights of HALFTONE where there are less than twice as many lit texels, */
 static void test_fallback(void)
 {
     int i, right = 0;
@@ -2011,7 +2013,14 @@ static void test_fallback(void)
         free(c.pixels);
     }
     CHECK(right == 12, "RELAXED falls back where it should, in %d of 12 maps", right);
-    for (i = right = 0; i < 2; i++) {
+}
+
+/* and beyond 16384 lights. */
+static void test_most_lights(void)
+{
+    int i, right = 0;
+
+    for (i = 0; i < 2; i++) {
         canvas c = noise_map(512, 256, 6, 1.0f);
         const envsamp_lights_desc desc = ask(RELAXED, 16384 + i);
         light_set s;
@@ -2289,10 +2298,12 @@ static void test_few_texels(void)
     test_patterns();
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
     int method;
 
+    if (argc < 2 || strcmp(argv[1], "quick") != 0)
+        test_most_lights();
     test_maps();
     test_shapes();
     test_many_pieces();
