@@ -38,7 +38,7 @@ EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
 .PHONY: help demo lights product test bench scale fuzz corpus mutants coverage figures convergence \
-        halftone scene portability portability-setup data setup clean
+        halftone scene least-squares portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -112,6 +112,12 @@ halftone: $(BUILD)/halftone  ## error diffusion: evenness, error of irradiance, 
 scene: $(BUILD)/scene $(BUILD)/light_sets  ## a map as 16 to 64 lights, by every method, in scenes
 	$(BUILD)/scene
 	$(BUILD)/light_sets
+
+# HEADER: of another version, to compare with.
+least-squares: | $(BUILD)  ## envsamp_lm on 400 problems of all scales; HEADER=old/envsamp.h
+	$(CC) -std=c99 $(CFLAGS) -DENVSAMP_IMPLEMENTATION -I$(dir $(or $(HEADER),./envsamp.h)) \
+	    tests/test_lm_scales.c -lm -o $(BUILD)/least_squares
+	$(BUILD)/least_squares table
 
 data: setup $(BUILD)/exr_to_pfm  ## fetch 18 real maps into data/
 	sh examples/common/fetch_data.sh $(DATA) $(BUILD)/exr_to_pfm

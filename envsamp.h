@@ -755,8 +755,8 @@ typedef struct envsamp_lm_desc {
 typedef struct envsamp_lm_info {
     int iterations;   /* trial steps, taken or turned down */
     int evaluations;  /* calls of fn, those for derivatives included */
-    int converged;    /* nonzero: a tolerance was met */
-    double cost;      /* sum of squared residuals at the params returned */
+    int converged;    /* nonzero: a tolerance was met where derivatives stand out from rounding */
+    double cost;      /* sum of squared residuals at the params returned; it may be infinite */
 } envsamp_lm_info;
 
 /* Bytes of scratch that envsamp_lm wants: 8 m (n + 2). 0 if `desc` is NULL or out of range. */
@@ -769,16 +769,17 @@ ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc);
  * info: may be NULL; written only on ENVSAMP_OK. Not converged is ENVSAMP_OK too: ask `converged`.
  * scratch: envsamp_lm_scratch_bytes(desc) bytes, aligned to ENVSAMP_ALIGN; free again afterwards.
  * Returns ENVSAMP_ERR_NULL for a NULL desc, fn, params or scratch.data; ENVSAMP_ERR_PARAM for a
- *   count out of range, a negative max_iterations, a negative or NaN tolerance;
- *   ENVSAMP_ERR_MEMORY, ENVSAMP_ERR_ALIGN for the scratch; ENVSAMP_ERR_VALUE if the start, its
- *   residuals or their sum of squares are not finite.
+ *   count out of range, a negative max_iterations, a negative or NaN tolerance; _MEMORY or _ALIGN
+ *   for the scratch; _VALUE if the start or its residuals are not finite.
  * Cost: about n + 1 calls of fn and 2 m n^2 operations for a step taken, one call for one turned
- *   down. At most 1 + (3 n + 1) max_iterations calls.
+ *   down; up to 26 for a derivative that rounding hides. At most 60 n (max_iterations + 2) calls.
  * Numeric: derivatives are forward differences, good to about half the digits of a residual; the
- *   cost at a minimum is far more exact than the params. A trial point that is not finite is turned
- *   down, so a minimum behind such a wall may end as `converged` at the wall. Where fn is not
- *   finite on both sides of a parameter, that parameter rests until a step elsewhere frees it.
- *   Where J is singular at a root the last steps creep, and may use up max_iterations.
+ *   cost at a minimum is far more exact than the params. Params and residuals may be of any size
+ *   from 1e-290 to 1e300; residuals below 1e-314 are 0 and above 1e301 not finite. A difference
+ *   that rounding hides is taken again over longer steps. A parameter that no step up to 1e300
+ *   moves the residuals by does not keep the others from converging. Not converged is what ends at
+ *   a wall, behind which fn is not finite, at a kink, on a plateau, or where a derivative stays
+ *   hidden. Where J is singular at a root the last steps creep, and may use up max_iterations.
  * Source: [3]; trust region, scaling and stopping tests [5], but the equation of the step bound is
  *   solved on singular values. */
 ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn fn, void *user,
@@ -1387,29 +1388,27 @@ enum { ENVSAMP__LM_MAX_PARAMS = 8 };
 typedef struct envsamp__lm {
     envsamp_lm_fn fn;
     void *user;
-    int n, m;
-    int iterations, evaluations;
-    int converged, stopped;
+    int n, m, iterations, evaluations, converged, stopped;
     int stale;                             /* the Jacobian belongs to an earlier point */
-    int blind_count;                       /* columns with no finite difference */
+    int flat;                              /* f is nearly at right angles to the columns of J */
+    int fine;                              /* steps of differences are shorter than usual */
+    int untold;                            /* something that moves f is lost in its rounding */
+    int idle;                              /* a bit for each parameter that moves no residual */
     double ftol, xtol, gtol;
     double *params;                        /* the caller's: the best point so far */
-    double *jacobian;                      /* n columns of m */
-    double *residuals, *trial;             /* f at params; f at the point being tried */
-    double cost;                           /* |f|^2 */
+    double *column[ENVSAMP__LM_MAX_PARAMS];  /* of J: m each */
+    double *residuals, *trial;             /* unit f at params; that of the point being tried */
+    double unit, cost;                     /* see envsamp__lm_evaluate; |unit f|^2 */
     double delta;                          /* trust radius in |D p| */
     double scale[ENVSAMP__LM_MAX_PARAMS];  /* D */
-    double basis[ENVSAMP__LM_MAX_PARAMS][ENVSAMP__LM_MAX_PARAMS];  /* right singular vectors */
+    double before[ENVSAMP__LM_MAX_PARAMS];  /* D at the point before */
+    double r[ENVSAMP__LM_MAX_PARAMS][2 * ENVSAMP__LM_MAX_PARAMS];  /* columns of R V, then of V */
     double sigma2[ENVSAMP__LM_MAX_PARAMS];  /* squared singular values of J D^-1 */
-    double slope[ENVSAMP__LM_MAX_PARAMS];   /* gradient D^-1 J^T f, along the basis */
+    double slope[ENVSAMP__LM_MAX_PARAMS];   /* gradient D^-1 J^T f, along V */
+    double along[ENVSAMP__LM_MAX_PARAMS];   /* the step: D p along V */
+    double damping, correction;            /* Levenberg's lambda of it, and Newton's step in that */
+    double length, linear_decrease;        /* |D p|, |J p|^2 */
 } envsamp__lm;
-
-typedef struct envsamp__lm_step {
-    double damping;                              /* Levenberg's lambda */
-    double length;                               /* |D p| */
-    double linear_decrease;                      /* |J p|^2 */
-    double along[ENVSAMP__LM_MAX_PARAMS];        /* D p along the basis */
-} envsamp__lm_step;
 
 /* Four running sums: the additions overlap, and rounding grows four times slower. */
 static double envsamp__lm_dot(const double *a, const double *b, int count)
@@ -1423,23 +1422,9 @@ static double envsamp__lm_dot(const double *a, const double *b, int count)
         s2 += a[i + 2] * b[i + 2];
         s3 += a[i + 3] * b[i + 3];
     }
-    for (; i < count; ++i) s0 += a[i] * b[i];
+    for (; i < count; i++)
+        s0 += a[i] * b[i];
     return (s0 + s1) + (s2 + s3);
-}
-
-static double *envsamp__lm_column(const envsamp__lm *lm, int j)
-{
-    return lm->jacobian + (size_t)j * (size_t)lm->m;
-}
-
-/* |D x|: the length against which xtol is relative. */
-static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
-{
-    double scaled[ENVSAMP__LM_MAX_PARAMS];
-    int j;
-
-    for (j = 0; j < lm->n; ++j) scaled[j] = lm->scale[j] * lm->params[j];
-    return ENVSAMP_SQRT(envsamp__lm_dot(scaled, scaled, lm->n));
 }
 
 /* The bits of a number from memory, where no compiler knows more of it than they say. */
@@ -1452,111 +1437,160 @@ static uint64_t envsamp__lm_bits(const double *value)
     return bits;
 }
 
-static int envsamp__lm_is_finite(const double *values, int count)
+/* The largest exponent; 0x7ff: a number is not finite. */
+static int envsamp__lm_exponent(const double *values, int count)
 {
-    int i;
+    int i, largest = 0;
 
-    for (i = 0; i < count; ++i) {
-        if ((envsamp__lm_bits(&values[i]) >> 52 & 0x7ff) == 0x7ff) return 0;
-    }
-    return 1;
+    for (i = 0; i < count; i++)
+        largest = envsamp__max_int(largest, (int)(envsamp__lm_bits(&values[i]) >> 52 & 0x7ff));
+    return largest;
 }
 
-/* The cost at a point, or -1 where it is not finite. */
-static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double *residuals)
+/* The power of two, from 2^-1000 to 2^1000, that brings the largest of the numbers to 1 to 2;
+   0 where that is 2^1001 or more. */
+static double envsamp__lm_unit(const double *values, int count)
+{
+    int exponent = envsamp__max_int(envsamp__lm_exponent(values, count), 23);
+    uint64_t bits = exponent > 2023 ? 0 : (uint64_t)(2046 - exponent) << 52;
+    double unit;
+
+    ENVSAMP_MEMCPY(&unit, &bits, sizeof unit);
+    return unit;
+}
+
+/* |D x|: the length against which xtol is relative; 0 where that is not finite. */
+static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
+{
+    double scaled[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, norm2;
+    int j;
+
+    for (j = 0; j < lm->n; j++)
+        scaled[j] = lm->scale[j] * lm->params[j];
+    norm2 = envsamp__lm_dot(scaled, scaled, lm->n);
+    return envsamp__lm_exponent(&norm2, 1) < 0x7ff ? ENVSAMP_SQRT(norm2) : 0.0;
+}
+
+/* The residuals at a point times `unit`, and their cost, or -1 where it is not finite. A unit of 0
+   becomes 1, or what they need for squares that neither overflow nor underflow. */
+static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double *residuals,
+                                   double *unit)
 {
     double cost;
+    int i, exponent;
 
-    if (!envsamp__lm_is_finite(point, lm->n)) return -1.0;
+    if (envsamp__lm_exponent(point, lm->n) == 0x7ff)
+        return -1.0;
     lm->evaluations++;
     lm->fn(point, residuals, lm->user);
     cost = envsamp__lm_dot(residuals, residuals, lm->m);
-    return envsamp__lm_is_finite(&cost, 1) ? cost : -1.0;
+    exponent = envsamp__lm_exponent(&cost, 1);
+    if (*unit <= 0.0)
+        *unit = exponent > 423 && exponent < 1623 ? 1.0 : envsamp__lm_unit(residuals, lm->m);
+    if (*unit != 1.0) {
+        for (i = 0; i < lm->m; i++)
+            residuals[i] *= *unit;
+        cost = envsamp__lm_dot(residuals, residuals, lm->m);
+    }
+    return *unit > 0.0 && envsamp__lm_exponent(&cost, 1) < 0x7ff ? cost : -1.0;
 }
 
-/* Column j of J by a difference over about h. Its norm, or -1 where that is not finite. */
+/* Column j of J D^-1 by a difference over about h, with D raised to its norm where that is larger
+   than before, or lowered to 2^20 times it. By how much the residuals changed, relative to the
+   least change that stands out from their rounding. -1 where that is not finite, or far too much
+   for a step that is not short beside its parameter. */
 static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
 {
-    double point[ENVSAMP__LM_MAX_PARAMS] = {0.0};
-    double *column = envsamp__lm_column(lm, j);
-    double norm2;
+    double point[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, *column = lm->column[j];
+    double unit, norm, scale, change;
     int i;
 
-    for (i = 0; i < lm->n; ++i) point[i] = lm->params[i];
+    ENVSAMP_MEMCPY(point, lm->params, (size_t)lm->n * sizeof(double));
     point[j] += h;
-    if (envsamp__lm_evaluate(lm, point, column) < 0.0) return -1.0;
+    if (envsamp__lm_evaluate(lm, point, column, &lm->unit) < 0.0)
+        return -1.0;
     h = point[j] - lm->params[j];  /* what rounding left of it */
-    for (i = 0; i < lm->m; ++i) column[i] = (column[i] - lm->residuals[i]) / h;
-    norm2 = envsamp__lm_dot(column, column, lm->m);
-    return envsamp__lm_is_finite(&norm2, 1) ? ENVSAMP_SQRT(norm2) : -1.0;
+    unit = envsamp__lm_unit(&h, 1);
+    h *= unit;
+    for (i = 0; i < lm->m; i++)
+        column[i] = (column[i] - lm->residuals[i]) / h;
+    norm = ENVSAMP_SQRT(envsamp__lm_dot(column, column, lm->m));
+    scale = envsamp__clamp(lm->before[j] / unit, norm, norm * 1048576.0);
+    lm->scale[j] = scale * unit;
+    if (envsamp__lm_exponent(&lm->scale[j], 1) == 0x7ff)
+        return -1.0;
+    for (i = 0; i < lm->m && scale > 0.0; i++)
+        column[i] /= scale;
+    change = norm * ENVSAMP__FABS(h) / (1024.0 * DBL_EPSILON * ENVSAMP_SQRT(lm->cost));
+    unit *= 1e-7 * ENVSAMP__FABS(lm->params[j]);
+    return change > 4294967296.0 && ENVSAMP__FABS(h) > unit ? -1.0 : change;
 }
 
-/* The step in parameter j. sqrt(epsilon) of its size balances truncation against rounding; but a
- * parameter near zero must still move the residuals by sqrt(epsilon) of their norm, or rounding in
- * them swamps the difference. */
-static double envsamp__lm_spacing(const envsamp__lm *lm, int j)
-{
-    double size = ENVSAMP__FABS(lm->params[j]);
-    double fnorm = ENVSAMP_SQRT(lm->cost);
-
-    if (lm->scale[j] > 0.0 && size < 1.0) {
-        double moving = fnorm < lm->scale[j] ? fnorm / lm->scale[j] : 1.0;
-
-        if (moving > size) size = moving;
-    }
-    size *= ENVSAMP_SQRT(DBL_EPSILON);
-    return size >= DBL_MIN ? size : ENVSAMP_SQRT(DBL_EPSILON);
-}
-
-/* Column j of J and its norm. */
-static double envsamp__lm_differentiate(envsamp__lm *lm, int j)
+/* Column j where a difference over h was lost in rounding, not finite or far too much: steps grow,
+   ahead and back in turn, until one stands out, and close in on what is too much. Otherwise the
+   parameter rests; it is idle if no step moved a residual. */
+static void envsamp__lm_search(envsamp__lm *lm, int j, double h, double change)
 {
     const double root = ENVSAMP_SQRT(DBL_EPSILON);
-    double h = envsamp__lm_spacing(lm, j);
-    double norm = envsamp__lm_difference(lm, j, h);
-    int i;
+    const int bit = 1 << j;
+    double wall = change < 0.0 ? ENVSAMP__FABS(h) : 0.0, factor = 65536.0, next, low[2];
+    int pass, back = h < 0.0, moved = change != 0.0, passes = moved || !(lm->idle & bit) ? 24 : 0;
 
-    if (norm < 0.0) norm = envsamp__lm_difference(lm, j, -h);
-    /* Nothing moved: h was too short for a parameter of natural size 1 that starts near 0. */
-    if (!(norm > 0.0) && h < root) norm = envsamp__lm_difference(lm, j, root);
-    if (norm >= 0.0) return norm;
-
-    lm->blind_count++;
-    for (i = 0; i < lm->m; ++i) envsamp__lm_column(lm, j)[i] = 0.0;
-    return 0.0;
-}
-
-/* J D^-1, with D raised to the column norms that are larger than before. */
-static void envsamp__lm_jacobian(envsamp__lm *lm)
-{
-    int i, j;
-
-    lm->blind_count = 0;
-    for (j = 0; j < lm->n; ++j) {
-        double norm = envsamp__lm_differentiate(lm, j);
-        double *column = envsamp__lm_column(lm, j);
-
-        if (norm > lm->scale[j]) lm->scale[j] = norm;
-        if (lm->scale[j] > 0.0) {
-            for (i = 0; i < lm->m; ++i) column[i] /= lm->scale[j];
+    lm->idle &= ~bit;
+    low[0] = low[1] = wall > 0.0 ? DBL_MIN * root + DBL_EPSILON * ENVSAMP__FABS(lm->params[j])
+                                 : ENVSAMP__FABS(h);
+    for (pass = 0; pass < passes; pass++) {
+        next = envsamp__max(low[0], low[1]);
+        next = 2.0 * next < root ? root : next < 1e300 / factor ? next * factor : 1e300;
+        if (wall > 0.0)
+            next = ENVSAMP_SQRT(low[back]) * ENVSAMP_SQRT(wall);
+        if (next < 1.001 * low[back])
+            break;
+        change = envsamp__lm_difference(lm, j, back ? -next : next);
+        moved |= change != 0.0;
+        if (change > 1.0)
+            return;
+        if (change < 0.0) {
+            wall = next;
+        } else {
+            low[back] = next;
+            back ^= wall <= 0.0;
+            factor *= pass > 1 && factor < 1e150 ? factor : 1.0;
         }
     }
+    ENVSAMP_MEMSET(lm->column[j], 0, (size_t)lm->m * sizeof(double));
+    lm->scale[j] = lm->before[j];
+    lm->untold |= moved;
+    lm->idle |= moved ? 0 : bit;
 }
 
-/* Householder reflection that clears v below its first element, which it returns. v becomes the
- * reflector, and 2 / |v|^2 is `beta`. */
-static double envsamp__lm_reflector(double *v, int count, double *beta)
+/* J D^-1. A step of sqrt(epsilon) of a parameter's size balances truncation against rounding; but
+   one near zero must still move the residuals by sqrt(epsilon) of their norm, or rounding in them
+   swamps the difference. */
+static void envsamp__lm_jacobian(envsamp__lm *lm)
 {
-    double norm2 = envsamp__lm_dot(v, v, count);
-    double norm = ENVSAMP_SQRT(norm2);
-    double head = v[0];
+    double fnorm = ENVSAMP_SQRT(lm->cost), root = ENVSAMP_SQRT(DBL_EPSILON), h, change;
+    int j;
 
-    *beta = 0.0;
-    if (norm2 < DBL_MIN) return 0.0;  /* below this beta would overflow */
-    *beta = 1.0 / (norm * (norm + ENVSAMP__FABS(head)));
-    if (head > 0.0) norm = -norm;
-    v[0] = head - norm;
-    return norm;
+    lm->untold = 0;
+    for (j = 0; j < lm->n; j++) {
+        lm->before[j] = lm->scale[j];
+        h = ENVSAMP__FABS(lm->params[j]);
+        if (lm->scale[j] > 0.0 && h < 1.0)
+            h = envsamp__max(h, fnorm < lm->scale[j] ? fnorm / lm->scale[j] : 1.0);
+        h *= lm->fine ? root / 8192.0 : root;
+        h = h > 0.0 ? envsamp__max(h, DBL_MIN) : root;
+        change = envsamp__lm_difference(lm, j, h);
+        if (change < 0.0) {
+            change = envsamp__lm_difference(lm, j, -h);
+            h = change < 0.0 ? h : -h;
+        }
+        if (change > 1.0)
+            lm->idle &= ~(1 << j);
+        else
+            envsamp__lm_search(lm, j, h, change);
+    }
+    lm->untold |= lm->idle == (1 << lm->n) - 1;
 }
 
 static void envsamp__lm_reflect(const double *v, double beta, double *target, int count)
@@ -1564,268 +1598,239 @@ static void envsamp__lm_reflect(const double *v, double beta, double *target, in
     double weight = beta * envsamp__lm_dot(v, target, count);
     int i;
 
-    for (i = 0; i < count; ++i) target[i] -= weight * v[i];
+    for (i = 0; i < count; i++)
+        target[i] -= weight * v[i];
 }
 
-/* QR of J D^-1 in place: the columns of R, and Q^T f in the first n values of lm->trial. */
-static void envsamp__lm_triangle(envsamp__lm *lm,
-                                 double r[ENVSAMP__LM_MAX_PARAMS][ENVSAMP__LM_MAX_PARAMS])
+/* QR of J D^-1 in place: the columns of R and of I, and Q^T f in the first n values of trial. A
+   Householder reflection clears v below its first element and becomes I - beta v v^T. */
+static void envsamp__lm_triangle(envsamp__lm *lm)
 {
     int i, j, k;
 
-    for (i = 0; i < lm->m; ++i) lm->trial[i] = lm->residuals[i];
-    for (k = 0; k < lm->n; ++k) {
-        double *v = envsamp__lm_column(lm, k) + k;
-        double beta;
+    ENVSAMP_MEMCPY(lm->trial, lm->residuals, (size_t)lm->m * sizeof(double));
+    for (k = 0; k < lm->n; k++) {
+        double *v = lm->column[k] + k;
+        double norm2 = envsamp__lm_dot(v, v, lm->m - k), norm = ENVSAMP_SQRT(norm2), beta = 0.0;
 
-        for (i = 0; i < lm->n; ++i) r[k][i] = i < k ? envsamp__lm_column(lm, k)[i] : 0.0;
-        r[k][k] = envsamp__lm_reflector(v, lm->m - k, &beta);
-        for (j = k + 1; j < lm->n; ++j) {
-            envsamp__lm_reflect(v, beta, envsamp__lm_column(lm, j) + k, lm->m - k);
+        for (i = 0; i < 2 * lm->n; i++)
+            lm->r[k][i] = i < k ? lm->column[k][i] : i == lm->n + k ? 1.0 : 0.0;
+        if (norm2 >= DBL_MIN) {  /* below this beta would overflow */
+            beta = 1.0 / (norm * (norm + ENVSAMP__FABS(v[0])));
+            lm->r[k][k] = v[0] > 0.0 ? -norm : norm;
+            v[0] -= lm->r[k][k];
         }
+        for (j = k + 1; j < lm->n; j++)
+            envsamp__lm_reflect(v, beta, lm->column[j] + k, lm->m - k);
         envsamp__lm_reflect(v, beta, lm->trial + k, lm->m - k);
     }
 }
 
-static void envsamp__lm_rotate(double *a, double *b, double cosine, double sine, int count)
-{
-    int i;
-
-    for (i = 0; i < count; ++i) {
-        double ai = a[i], bi = b[i];
-
-        a[i] = cosine * ai - sine * bi;
-        b[i] = sine * ai + cosine * bi;
-    }
-}
-
-/* Makes two columns of R V orthogonal. Nonzero if they were not so already. */
-static int envsamp__lm_orthogonalise(double *a, double *b, double *va, double *vb, int n)
-{
-    double aa = envsamp__lm_dot(a, a, n);
-    double bb = envsamp__lm_dot(b, b, n);
-    double ab = envsamp__lm_dot(a, b, n);
-    double zeta, tangent, cosine;
-
-    if (ENVSAMP__FABS(ab) <= DBL_EPSILON * ENVSAMP_SQRT(aa) * ENVSAMP_SQRT(bb)) return 0;
-    zeta = (bb - aa) / (2.0 * ab);
-    tangent = 1.0 / (ENVSAMP__FABS(zeta) + ENVSAMP_SQRT(1.0 + zeta * zeta));
-    if (zeta < 0.0) tangent = -tangent;
-    cosine = 1.0 / ENVSAMP_SQRT(1.0 + tangent * tangent);
-    envsamp__lm_rotate(a, b, cosine, cosine * tangent, n);
-    envsamp__lm_rotate(va, vb, cosine, cosine * tangent, n);
-    return 1;
-}
-
 /* One-sided Jacobi: R V has orthogonal columns, whose norms are the singular values. It keeps
- * small singular values of a matrix with badly scaled columns relatively exact. */
-static void envsamp__lm_decompose(envsamp__lm *lm,
-                                  double r[ENVSAMP__LM_MAX_PARAMS][ENVSAMP__LM_MAX_PARAMS])
+   small singular values of a matrix with badly scaled columns relatively exact. */
+static void envsamp__lm_decompose(envsamp__lm *lm)
 {
-    int i, j, sweep, moved = 1;
+    double *a, *b, aa, bb, ab, zeta, tangent, cosine, ai;
+    int i, j, k, sweep, moved = 1;
 
-    for (j = 0; j < lm->n; ++j) {
-        for (i = 0; i < lm->n; ++i) lm->basis[j][i] = i == j ? 1.0 : 0.0;
-    }
-    for (sweep = 0; moved && sweep < 40; ++sweep) {
+    for (sweep = 0; moved && sweep < 40; sweep++) {
         moved = 0;
-        for (j = 1; j < lm->n; ++j) {
-            for (i = 0; i < j; ++i) {
-                moved |= envsamp__lm_orthogonalise(r[i], r[j], lm->basis[i], lm->basis[j], lm->n);
+        for (k = 0; k < lm->n * lm->n; k++) {
+            a = lm->r[k % lm->n];
+            b = lm->r[k / lm->n];
+            aa = envsamp__lm_dot(a, a, lm->n);
+            bb = envsamp__lm_dot(b, b, lm->n);
+            ab = envsamp__lm_dot(a, b, lm->n);
+            if (a >= b || ENVSAMP__FABS(ab) <= DBL_EPSILON * ENVSAMP_SQRT(aa) * ENVSAMP_SQRT(bb))
+                continue;           /* they are orthogonal already */
+            zeta = (bb - aa) / (2.0 * ab);
+            tangent = 1.0 / (ENVSAMP__FABS(zeta) + ENVSAMP_SQRT(1.0 + zeta * zeta));
+            if (zeta < 0.0)
+                tangent = -tangent;
+            cosine = 1.0 / ENVSAMP_SQRT(1.0 + tangent * tangent);
+            for (i = 0; i < 2 * lm->n; i++) {
+                ai = a[i];
+                a[i] = cosine * ai - cosine * tangent * b[i];
+                b[i] = cosine * tangent * ai + cosine * b[i];
             }
+            moved = 1;
         }
     }
-    for (j = 0; j < lm->n; ++j) {
-        lm->sigma2[j] = envsamp__lm_dot(r[j], r[j], lm->n);
-        lm->slope[j] = envsamp__lm_dot(r[j], lm->trial, lm->n);
+    for (j = 0; j < lm->n; j++) {
+        lm->sigma2[j] = envsamp__lm_dot(lm->r[j], lm->r[j], lm->n);
+        lm->slope[j] = envsamp__lm_dot(lm->r[j], lm->trial, lm->n);
     }
 }
 
-/* Largest cosine of an angle between f and a column of J: zero at a stationary point. */
-static double envsamp__lm_cosine(const envsamp__lm *lm,
-                                 double r[ENVSAMP__LM_MAX_PARAMS][ENVSAMP__LM_MAX_PARAMS])
-{
-    double fnorm = ENVSAMP_SQRT(lm->cost);
-    double largest = 0.0;
-    int j;
-
-    for (j = 0; j < lm->n; ++j) {
-        double norm = ENVSAMP_SQRT(envsamp__lm_dot(r[j], r[j], lm->n));
-        double along = ENVSAMP__FABS(envsamp__lm_dot(r[j], lm->trial, lm->n));
-
-        if (norm > 0.0 && along > largest * norm) largest = along / norm;
-    }
-    return fnorm > 0.0 ? largest / fnorm : 0.0;
-}
-
-/* Everything about f at params that a step needs. Stops at a stationary point; one that seems so
- * only because a column could not be had is not called converged. */
+/* All about f at params that a step needs. Stops at a root and where f is at right angles to J. */
 static void envsamp__lm_linearise(envsamp__lm *lm)
 {
-    double r[ENVSAMP__LM_MAX_PARAMS][ENVSAMP__LM_MAX_PARAMS];
+    double fnorm = ENVSAMP_SQRT(lm->cost), largest = 0.0;
+    int j;
 
+    lm->converged = lm->stopped = fnorm <= DBL_MIN / 1048576.0 * lm->unit;
+    if (lm->stopped)
+        return;
     envsamp__lm_jacobian(lm);
-    envsamp__lm_triangle(lm, r);
-    lm->stopped = envsamp__lm_cosine(lm, r) <= lm->gtol;
-    lm->converged = lm->stopped && (lm->blind_count == 0 || lm->cost <= 0.0);
-    envsamp__lm_decompose(lm, r);
+    envsamp__lm_triangle(lm);
+    for (j = 0; j < lm->n; j++) {
+        double norm = ENVSAMP_SQRT(envsamp__lm_dot(lm->r[j], lm->r[j], lm->n));
+        double along = ENVSAMP__FABS(envsamp__lm_dot(lm->r[j], lm->trial, lm->n));
+
+        largest = envsamp__max(largest, norm > 0.0 ? along / norm : 0.0);
+    }
+    largest /= fnorm;
+    lm->flat = largest <= 1e-6 + lm->xtol + ENVSAMP_SQRT(lm->ftol)
+                       + 64.0 * DBL_EPSILON * envsamp__lm_scaled_norm(lm) / fnorm;
+    lm->stopped = largest <= lm->gtol;
+    lm->converged = lm->stopped && !lm->untold;
+    envsamp__lm_decompose(lm);
     lm->stale = 0;
 }
 
-/* The minimiser of |J p + f|^2 + damping |D p|^2, along the basis. Directions below the rounding
- * of J are left out, which gives the shortest of the undamped minimisers. */
-static void envsamp__lm_damped(const envsamp__lm *lm, double damping, envsamp__lm_step *step)
+/* The minimiser of |J p + f|^2 + damping |D p|^2, along V. Directions below the rounding of J are
+   left out, which gives the shortest of the undamped minimisers. The correction is Newton's on
+   1 / |D p| - 1 / delta, which is nearly linear in the damping [5, section 5, after Hebden]. */
+static void envsamp__lm_damped(envsamp__lm *lm, double damping)
 {
-    double largest = 0.0, cutoff;
+    double largest = 0.0, bend = 0.0, cutoff, share;
     int j;
 
-    for (j = 0; j < lm->n; ++j) {
-        if (lm->sigma2[j] > largest) largest = lm->sigma2[j];
-    }
+    for (j = 0; j < lm->n; j++)
+        largest = envsamp__max(largest, lm->sigma2[j]);
     cutoff = largest * (lm->n * DBL_EPSILON) * (lm->n * DBL_EPSILON);
-    step->damping = damping;
-    step->linear_decrease = 0.0;
-    for (j = 0; j < lm->n; ++j) {
-        int kept = lm->sigma2[j] > cutoff;
-
-        step->along[j] = kept ? -lm->slope[j] / (lm->sigma2[j] + damping) : 0.0;
-        step->linear_decrease += lm->sigma2[j] * step->along[j] * step->along[j];
+    lm->damping = damping;
+    lm->linear_decrease = 0.0;
+    for (j = 0; j < lm->n; j++) {
+        lm->along[j] = lm->sigma2[j] > cutoff ? -lm->slope[j] / (lm->sigma2[j] + damping) : 0.0;
+        lm->linear_decrease += lm->sigma2[j] * lm->along[j] * lm->along[j];
     }
-    step->length = ENVSAMP_SQRT(envsamp__lm_dot(step->along, step->along, lm->n));
-}
-
-/* Newton's correction to the damping, on 1 / |D p| - 1 / delta, which is nearly linear in it
- * [5, section 5, after Hebden]. */
-static double envsamp__lm_newton(const envsamp__lm *lm, const envsamp__lm_step *step)
-{
-    double bend = 0.0;
-    int j;
-
-    for (j = 0; j < lm->n && step->length > 0.0; ++j) {
-        double share = step->along[j] / step->length;
-
-        if (share != 0.0) bend += share * share / (lm->sigma2[j] + step->damping);
+    lm->length = ENVSAMP_SQRT(envsamp__lm_dot(lm->along, lm->along, lm->n));
+    for (j = 0; j < lm->n && lm->length > 0.0; j++) {
+        share = lm->along[j] / lm->length;
+        if (share != 0.0)
+            bend += share * share / (lm->sigma2[j] + damping);
     }
     bend *= lm->delta;
-    return bend > 0.0 ? (step->length - lm->delta) / bend : 0.0;    /* 0: bisect */
+    lm->correction = bend > 0.0 ? (lm->length - lm->delta) / bend : 0.0;  /* 0: bisect */
 }
 
 /* The damping, zero or such that |D p| is within a tenth of delta. |D p| <= |slope| / damping
- * bounds it from above; Newton steps that leave the bracket are replaced by a bisection. */
-static void envsamp__lm_solve(const envsamp__lm *lm, envsamp__lm_step *step)
+   bounds it from above; Newton steps that leave the bracket are replaced by a bisection. */
+static void envsamp__lm_solve(envsamp__lm *lm)
 {
     double low = 0.0, high, damping;
     int pass;
 
-    envsamp__lm_damped(lm, 0.0, step);
-    if (step->length <= 1.1 * lm->delta) return;
+    envsamp__lm_damped(lm, 0.0);
+    if (lm->length <= 1.1 * lm->delta)
+        return;
     high = ENVSAMP_SQRT(envsamp__lm_dot(lm->slope, lm->slope, lm->n)) / lm->delta;
-    damping = envsamp__lm_newton(lm, step);
-    for (pass = 0; pass < 60; ++pass) {
-        if (!(damping > low && damping < high)) {
-            damping = ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high);
-            if (damping < 0.001 * high) damping = 0.001 * high;
-            if (damping <= low) damping = 0.5 * low + 0.5 * high;
-        }
-        envsamp__lm_damped(lm, damping, step);
-        if (ENVSAMP__FABS(step->length - lm->delta) <= 0.1 * lm->delta) return;
-        if (step->length > lm->delta) low = damping;
-        else high = damping;
-        damping += envsamp__lm_newton(lm, step);
-    }
-}
-
-/* x + D^-1 V y */
-static void envsamp__lm_move(const envsamp__lm *lm, const envsamp__lm_step *step, double *point)
-{
-    int i, j;
-
-    for (i = 0; i < lm->n; ++i) {
-        double z = 0.0;
-
-        for (j = 0; j < lm->n; ++j) z += lm->basis[j][i] * step->along[j];
-        point[i] = lm->params[i];
-        if (lm->scale[i] > 0.0) point[i] += z / lm->scale[i];
+    damping = lm->correction;
+    for (pass = 0; pass < 60; pass++) {
+        if (!(damping > low && damping < high))
+            damping = envsamp__max(ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high), 0.001 * high);
+        envsamp__lm_damped(lm, damping);
+        if (ENVSAMP__FABS(lm->length - lm->delta) <= 0.1 * lm->delta)
+            return;
+        low = lm->length > lm->delta ? damping : low;
+        high = lm->length > lm->delta ? high : damping;
+        damping += lm->correction;
     }
 }
 
 /* The new trust radius from the actual decrease, relative to the cost, and its ratio to the
- * predicted one [5, section 4]. A failed step shrinks it to the minimum of the parabola
- * through the slope and the two costs, but to between a tenth and a half. */
-static void envsamp__lm_resize(envsamp__lm *lm, const envsamp__lm_step *step, double actual,
-                               double ratio)
+   predicted one [5, section 4]. A failed step shrinks it to the minimum of the parabola
+   through the slope and the two costs, but to between a tenth and a half. */
+static void envsamp__lm_resize(envsamp__lm *lm, double actual, double ratio)
 {
-    double descent = step->linear_decrease + step->damping * step->length * step->length;
-    double shrink = 0.5, reach = 10.0 * step->length;
+    double descent = (lm->linear_decrease + lm->damping * lm->length * lm->length) / lm->cost;
+    double shrink = 0.5, reach = 10.0 * lm->length;
 
     if (ratio > 0.25) {
-        if (step->damping <= 0.0 || ratio >= 0.75) lm->delta = 2.0 * step->length;
+        if (lm->damping <= 0.0 || ratio >= 0.75)
+            lm->delta = 2.0 * lm->length;
         return;
     }
-    if (actual < 0.0) {
-        descent /= lm->cost;
-        shrink = 0.5 * descent / (descent - 0.5 * actual);
-        if (!(shrink >= 0.1)) shrink = 0.1;
-    }
+    if (actual < 0.0)
+        shrink = envsamp__max(0.5 * descent / (descent - 0.5 * actual), 0.1);
     lm->delta = shrink * (lm->delta < reach ? lm->delta : reach);
 }
 
-static void envsamp__lm_accept(envsamp__lm *lm, const double *point, double cost)
-{
-    double *spent = lm->residuals;
-    int i;
-
-    lm->residuals = lm->trial;
-    lm->trial = spent;
-    lm->cost = cost;
-    lm->stale = 1;
-    for (i = 0; i < lm->n; ++i) lm->params[i] = point[i];
-}
-
-/* One trial step: taken if it brings a ten-thousandth of the decrease that J promised. */
+/* One trial step: taken if it brings a ten-thousandth of the decrease that J promised. Where steps
+   ever shorter bring none, though J promises more than a tolerance and rounding, J is not what it
+   should be: differences over shorter steps are tried, and if these fail too the search ends. */
 static void envsamp__lm_iterate(envsamp__lm *lm)
 {
-    double point[ENVSAMP__LM_MAX_PARAMS];
-    envsamp__lm_step step;
-    double cost, actual = -99.0, predicted, ratio;
+    double point[ENVSAMP__LM_MAX_PARAMS], *spent = lm->residuals;
+    double unit = 0.0, cost, grown = 100.0, actual = -99.0, predicted, ratio, z;
+    int i, j;
 
-    envsamp__lm_solve(lm, &step);
-    envsamp__lm_move(lm, &step, point);
-    if (lm->iterations++ == 0 && step.length < lm->delta) lm->delta = step.length;
-
-    cost = envsamp__lm_evaluate(lm, point, lm->trial);
-    predicted = step.linear_decrease + 2.0 * step.damping * step.length * step.length;
-    predicted /= lm->cost;
-    /* Ten times the residuals or more, and a cost that is not finite, fail alike. */
-    if (cost >= 0.0 && cost < 100.0 * lm->cost) actual = 1.0 - cost / lm->cost;
-    ratio = predicted > 0.0 ? actual / predicted : 0.0;
-    envsamp__lm_resize(lm, &step, actual, ratio);
-    if (ratio >= 1e-4) envsamp__lm_accept(lm, point, cost);
-
-    if (ENVSAMP__FABS(actual) <= lm->ftol && predicted <= lm->ftol && ratio <= 2.0) {
-        lm->converged = 1;
+    envsamp__lm_solve(lm);
+    for (i = 0; i < lm->n; i++) {  /* x + D^-1 V y */
+        for (z = 0.0, j = 0; j < lm->n; j++)
+            z += lm->r[j][lm->n + i] * lm->along[j];
+        point[i] = lm->params[i] + (lm->scale[i] > 0.0 ? z / lm->scale[i] : 0.0);
     }
-    if (lm->delta <= lm->xtol * envsamp__lm_scaled_norm(lm)) lm->converged = 1;
-    lm->stopped = lm->converged;
+    if (lm->iterations++ == 0 && lm->length < lm->delta)
+        lm->delta = lm->length;
+
+    cost = envsamp__lm_evaluate(lm, point, lm->trial, &unit);
+    predicted = (lm->linear_decrease + 2.0 * lm->damping * lm->length * lm->length) / lm->cost;
+    if (cost >= 0.0)
+        grown = cost * (lm->unit / unit) * (lm->unit / unit) / lm->cost;
+    if (grown < 100.0)  /* ten times the residuals or more fail like what is not finite */
+        actual = 1.0 - grown;
+    ratio = predicted > 0.0 ? actual / predicted : 0.0;
+    envsamp__lm_resize(lm, actual, ratio);
+    if (ratio >= 1e-4) {
+        lm->residuals = lm->trial;
+        lm->trial = spent;
+        for (i = 0; i < lm->n; i++) {
+            lm->params[i] = point[i];
+            lm->scale[i] *= unit / lm->unit;
+        }
+        lm->delta *= unit / lm->unit;
+        lm->unit = unit;
+        lm->cost = cost;
+        lm->stale = 1;
+    }
+
+    if (!(ENVSAMP__FABS(actual) <= lm->ftol && predicted <= lm->ftol && ratio <= 2.0)
+        && !(lm->delta <= lm->xtol * envsamp__lm_scaled_norm(lm)))
+        return;
+    if (lm->damping <= 0.0 || lm->flat) {
+        lm->stopped = 1;
+        lm->converged = !lm->untold;
+    } else if (ratio < 1e-4) {
+        lm->stopped = lm->fine;
+        lm->stale = lm->fine = 1;
+        lm->delta = ENVSAMP_SQRT(lm->cost);
+    }
 }
 
 /* The first trust radius is generous beside params, but wide enough to change f by its own size
- * where they start near zero. */
+   where they start near zero. An idle parameter is tried again before a search ends. */
 static void envsamp__lm_run(envsamp__lm *lm, int max_iterations)
 {
+    int idle, tried = -1;
+
     while (!lm->stopped && lm->iterations < max_iterations) {
-        if (lm->stale) envsamp__lm_linearise(lm);
-        if (lm->stopped) return;
+        if (lm->stale)
+            envsamp__lm_linearise(lm);
         if (lm->iterations == 0)
             lm->delta = envsamp__max(100.0 * envsamp__lm_scaled_norm(lm), ENVSAMP_SQRT(lm->cost));
-        envsamp__lm_iterate(lm);
+        if (!lm->stopped)
+            envsamp__lm_iterate(lm);
+        if (lm->converged && lm->idle && lm->cost > 0.0 && tried < lm->iterations) {
+            tried = lm->iterations;
+            idle = lm->idle;
+            lm->idle = 0;
+            envsamp__lm_jacobian(lm);
+            lm->stale = lm->idle != idle || lm->untold;
+            lm->stopped = lm->converged = !lm->stale;
+        }
     }
-}
-
-static double envsamp__lm_tolerance(double asked)
-{
-    if (asked > 0.0) return asked > DBL_EPSILON ? asked : DBL_EPSILON;
-    return 1e-12;
 }
 
 /* 0 or more, or infinite; no NaN. */
@@ -1836,40 +1841,18 @@ static int envsamp__lm_is_tolerance(const double *asked)
     return bits <= (uint64_t)0x7ff << 52 || bits == (uint64_t)1 << 63;
 }
 
-static int envsamp__lm_is_valid(const envsamp_lm_desc *desc)
-{
-    return desc->param_count >= 1 && desc->param_count <= ENVSAMP__LM_MAX_PARAMS
-        && desc->residual_count >= desc->param_count && desc->max_iterations >= 0
-        && envsamp__lm_is_tolerance(&desc->ftol) && envsamp__lm_is_tolerance(&desc->xtol)
-        && envsamp__lm_is_tolerance(&desc->gtol);
-}
-
 ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
 {
     size_t row_bytes;
 
-    if (!desc || !envsamp__lm_is_valid(desc)) return 0;
+    if (!desc || desc->param_count < 1 || desc->param_count > ENVSAMP__LM_MAX_PARAMS
+        || desc->residual_count < desc->param_count || desc->max_iterations < 0
+        || !envsamp__lm_is_tolerance(&desc->ftol) || !envsamp__lm_is_tolerance(&desc->xtol)
+        || !envsamp__lm_is_tolerance(&desc->gtol))
+        return 0;
     row_bytes = ((size_t)desc->param_count + 2) * sizeof(double);
-    if ((size_t)desc->residual_count > (size_t)-1 / row_bytes) return 0;
-    return row_bytes * (size_t)desc->residual_count;
-}
-
-static void envsamp__lm_begin(envsamp__lm *lm, const envsamp_lm_desc *desc, double *params,
-                              double *scratch)
-{
-    size_t m = (size_t)desc->residual_count, n = (size_t)desc->param_count;
-
-    ENVSAMP_MEMSET(lm, 0, sizeof *lm);
-    lm->n = desc->param_count;
-    lm->m = desc->residual_count;
-    lm->ftol = envsamp__lm_tolerance(desc->ftol);
-    lm->xtol = envsamp__lm_tolerance(desc->xtol);
-    lm->gtol = envsamp__lm_tolerance(desc->gtol);
-    lm->params = params;
-    lm->jacobian = scratch;
-    lm->residuals = scratch + m * n;
-    lm->trial = lm->residuals + m;
-    lm->stale = 1;
+    return (size_t)desc->residual_count > (size_t)-1 / row_bytes
+        ? 0 : row_bytes * (size_t)desc->residual_count;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn fn, void *user,
@@ -1878,24 +1861,41 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 {
     envsamp__lm lm;
     size_t bytes;
+    int i;
 
-    if (!desc || !fn || !params || !scratch.data) return ENVSAMP_ERR_NULL;
+    if (!desc || !fn || !params || !scratch.data)
+        return ENVSAMP_ERR_NULL;
     bytes = envsamp_lm_scratch_bytes(desc);
-    if (bytes == 0) return ENVSAMP_ERR_PARAM;
-    if (scratch.bytes < bytes) return ENVSAMP_ERR_MEMORY;
-    if ((uintptr_t)scratch.data % ENVSAMP_ALIGN != 0) return ENVSAMP_ERR_ALIGN;
+    if (bytes == 0)
+        return ENVSAMP_ERR_PARAM;
+    if (scratch.bytes < bytes)
+        return ENVSAMP_ERR_MEMORY;
+    if ((uintptr_t)scratch.data % ENVSAMP_ALIGN != 0)
+        return ENVSAMP_ERR_ALIGN;
 
-    envsamp__lm_begin(&lm, desc, params, (double *)scratch.data);
+    ENVSAMP_MEMSET(&lm, 0, sizeof lm);
     lm.fn = fn;
     lm.user = user;
-    lm.cost = envsamp__lm_evaluate(&lm, params, lm.residuals);
-    if (lm.cost < 0.0) return ENVSAMP_ERR_VALUE;
+    lm.n = desc->param_count;
+    lm.m = desc->residual_count;
+    lm.stale = 1;
+    lm.ftol = desc->ftol > 0.0 ? envsamp__max(desc->ftol, DBL_EPSILON) : 1e-12;
+    lm.xtol = desc->xtol > 0.0 ? envsamp__max(desc->xtol, DBL_EPSILON) : 1e-12;
+    lm.gtol = desc->gtol > 0.0 ? envsamp__max(desc->gtol, DBL_EPSILON) : 1e-12;
+    lm.params = params;
+    for (i = 0; i < lm.n; i++)
+        lm.column[i] = (double *)scratch.data + (size_t)i * (size_t)lm.m;
+    lm.residuals = lm.column[lm.n - 1] + lm.m;
+    lm.trial = lm.residuals + lm.m;
+    lm.cost = envsamp__lm_evaluate(&lm, params, lm.residuals, &lm.unit);
+    if (lm.cost < 0.0)
+        return ENVSAMP_ERR_VALUE;
     envsamp__lm_run(&lm, desc->max_iterations ? desc->max_iterations : 200);
     if (info) {
         info->iterations = lm.iterations;
         info->evaluations = lm.evaluations;
         info->converged = lm.converged;
-        info->cost = lm.cost;
+        info->cost = lm.cost / lm.unit / lm.unit;
     }
     return ENVSAMP_OK;
 }
@@ -5520,8 +5520,8 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
 {
     double total;
 
-    if (!envsamp__lm_is_finite(&kd->alpha, 1) || !envsamp__lm_is_finite(&kd->beta, 1)
-        || !envsamp__lm_is_finite(&kd->fit_total, 1)
+    if (envsamp__lm_exponent(&kd->alpha, 1) == 0x7ff || envsamp__lm_exponent(&kd->beta, 1) == 0x7ff
+        || envsamp__lm_exponent(&kd->fit_total, 1) == 0x7ff
         || !(kd->alpha > 1e-9 && kd->alpha < 1025.0 * (double)kd->drawn_count
           && kd->beta >= ENVSAMP__BETA_MIN && kd->beta <= ENVSAMP__BETA_MAX
           && (kd->model == ENVSAMP_KD_POWER || kd->beta == 1.0)))

@@ -533,26 +533,40 @@ static void test_bad_tolerances(void)
     }
 }
 
-static void overflowing(const double *x, double *f, void *user)
+static void huge(const double *x, double *f, void *user)
 {
-    (void)user;
-    f[0] = f[1] = 1e200 * x[0];
+    const double size = *(const double *)user;
+
+    f[0] = size * x[0];
+    f[1] = size * (x[1] - 3.0);
 }
 
 static void test_bad_values(void)
 {
     envsamp_lm_desc desc = desc_of(2, 2, 0);
     envsamp_lm_info info = {-7, -7, -7, -7.0};
-    double params[2] = {1.0, 2.0};
+    double params[2] = {1.0, 2.0}, size = 1e302;
     envsamp_result result;
 
     CHECK(IS(run_rosenbrock(desc, (double)NAN), ENVSAMP_ERR_VALUE), "a NaN start");
     CHECK(IS(run_rosenbrock(desc, (double)INFINITY), ENVSAMP_ERR_VALUE), "an infinite start");
     CHECK(IS(run_rosenbrock(desc, 1e300), ENVSAMP_ERR_VALUE), "infinite residuals at the start");
-    result = envsamp_lm(&desc, overflowing, NULL, params, scratch_of(64), &info);
-    CHECK(IS(result, ENVSAMP_ERR_VALUE), "a sum of squares that overflows");
+    result = envsamp_lm(&desc, huge, &size, params, scratch_of(64), &info);
+    CHECK(IS(result, ENVSAMP_ERR_VALUE), "a residual above 1e301");
     CHECK(params[0] >= 1.0 && params[0] <= 1.0 && IS(info.iterations, -7) && info.cost <= -7.0,
           "an error leaves params and info alone");
+    size = 1e300;
+    desc.max_iterations = 1;
+    params[0] = 1e-2;
+    params[1] = 1.0;
+    result = envsamp_lm(&desc, huge, &size, params, scratch_of(64), &info);
+    CHECK(result == ENVSAMP_OK && fabs(params[1] - 3.0) < 1e-6, "a sum of squares that overflows "
+          "is none: %g from the answer", params[1] - 3.0);
+    params[1] = 1.0;
+    desc.gtol = 2.0;
+    result = envsamp_lm(&desc, huge, &size, params, scratch_of(64), &info);
+    CHECK(result == ENVSAMP_OK && info.converged && info.cost > DBL_MAX,
+          "but that is what its cost says");
 }
 
 /* ---- memory ---- */
@@ -644,6 +658,7 @@ static void test_walls(void)
     result = envsamp_lm(&desc, walled_line, &wall, params, scratch_of(64), &info);
     CHECK(result == ENVSAMP_OK && params[0] <= 1.0 && params[0] > 1.0 - 1e-6,
           "a minimum behind a wall: stays finite, at %.12g", params[0]);
+    CHECK(!info.converged, "and is not called converged");
 }
 
 static void test_no_derivative(void)
@@ -716,6 +731,28 @@ static void test_freed(void)
     CHECK(result == ENVSAMP_OK && off < 1e-4, "a parameter that rests at first gets to the "
           "minimum too, but for %.1e", off);
     CHECK(info.converged == 1, "and that is called converged: %d", info.converged);
+}
+
+/* Before x = 1 nothing depends on y; beyond it, too little for a step of the usual length. */
+static void woken_by_x(const double *x, double *f, void *user)
+{
+    (void)user;
+    f[0] = x[0] - 2.0;
+    f[1] = x[0] > 1.0 ? x[1] - 1.7e9 : 3e9;
+}
+
+/* What moves nothing is tried again before a search ends. */
+static void test_idle(void)
+{
+    envsamp_lm_desc desc = desc_of(2, 2, 0);
+    envsamp_lm_info info = {0, 0, -1, -1.0};
+    double params[2] = {0.0, 0.0};
+    envsamp_result result;
+
+    result = envsamp_lm(&desc, woken_by_x, NULL, params, scratch_of(64), &info);
+    CHECK(result == ENVSAMP_OK && info.converged == 1 && IS_NEAR(params[0], 2.0, 1e-9)
+          && IS_NEAR(params[1], 1.7e9, 1.0), "a parameter that moves nothing at first is tried "
+          "again: %g", params[1]);
 }
 
 /* ---- limits, flags, scale ---- */
@@ -914,6 +951,7 @@ int main(void)
     test_no_derivative();
     test_rest();
     test_freed();
+    test_idle();
     test_max_iterations();
     test_steps_taken();
     test_tolerances_stop();
