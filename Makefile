@@ -15,6 +15,9 @@ COMPILE   = $(CC) -std=c99 $(CFLAGS) $(STRICT_C) -I. -Iexamples/common
 AVX2        := $(shell $(CC) -mavx2 -E -x c /dev/null >/dev/null 2>&1 && echo -mavx2)
 BATCH_FLAGS := -O3 $(AVX2)
 
+# Programs that show a table of an older version take its header.
+OTHER_HEADER = $(if $(HEADER),-DHEADER='"$(abspath $(HEADER))"')
+
 EXR_CFLAGS = -DHAVE_OPENEXR $(shell pkg-config --cflags OpenEXR 2>/dev/null)
 EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
 
@@ -28,7 +31,7 @@ SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
 LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh bits.sh fast_math.sh stack.sh) \
             $(addprefix $(BUILD)/test_, kd_statistics kd_fit halftone cdf kd_warp kd_exact kd_table \
-              bilinear lights_cuts lights lights_decomposed kd_layout steps mapping placement)
+              bilinear coarse lights_cuts lights lights_decomposed kd_layout steps mapping placement)
 ORDERED  := $(filter $(TESTS) $(SCRIPTS),$(LONGEST)) $(filter-out $(LONGEST),$(TESTS) $(SCRIPTS))
 JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 
@@ -38,7 +41,8 @@ EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
 .PHONY: help demo lights product test bench scale fuzz corpus mutants coverage figures convergence \
-        halftone scene least-squares portability portability-setup data setup clean
+        halftone scene coarse shapes least-squares again portability portability-setup data \
+        setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -113,11 +117,15 @@ scene: $(BUILD)/scene $(BUILD)/light_sets  ## a map as 16 to 64 lights, by every
 	$(BUILD)/scene
 	$(BUILD)/light_sets
 
-# HEADER: of another version, to compare with.
-least-squares: | $(BUILD)  ## envsamp_lm on 400 problems of all scales; HEADER=old/envsamp.h
-	$(CC) -std=c99 $(CFLAGS) -DENVSAMP_IMPLEMENTATION -I$(dir $(or $(HEADER),./envsamp.h)) \
-	    tests/test_lm_scales.c -lm -o $(BUILD)/least_squares
-	$(BUILD)/least_squares table
+# HEADER=old/envsamp.h: of another version, for this and the next.
+coarse: $(BUILD)/coarse  ## how bright a sky is with numbers of few bits, by every sampler
+	$(BUILD)/coarse
+
+shapes: $(BUILD)/shapes  ## what builds of long maps take, beside those of as many texels at 2:1
+	$(BUILD)/shapes
+
+least-squares: $(BUILD)/least-squares  ## envsamp_lm on 400 problems of all scales
+	$(BUILD)/least-squares table
 
 data: setup $(BUILD)/exr_to_pfm  ## fetch 18 real maps into data/
 	sh examples/common/fetch_data.sh $(DATA) $(BUILD)/exr_to_pfm
@@ -192,6 +200,13 @@ $(BUILD)/scene: bench/lights.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
 
 $(BUILD)/light_sets: bench/light_sets.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/light_sets.c tests/inside.c $(COMMON) -lm -o $@
+
+# Made again each time: one does not see of which header they are.
+$(BUILD)/coarse $(BUILD)/shapes: $(BUILD)/%: bench/%.c $(COMMON) $(HEADERS) again | $(BUILD)
+	$(COMPILE) $(OTHER_HEADER) $(filter %.c,$^) -lm -o $@
+
+$(BUILD)/least-squares: tests/test_lm_scales.c $(HEADERS) again | $(BUILD)
+	$(COMPILE) -DENVSAMP_IMPLEMENTATION $(OTHER_HEADER) $< -lm -o $@
 
 $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/figures.c tests/inside.c $(COMMON) -lm -o $@

@@ -32,20 +32,22 @@
  *
  * WHICH SAMPLER
  *
- *     select             blocks are drawn      points    time  invert  take it when
- *     ENVSAMP_KD_WARP    by inversion, exact   stay      1.5   yes     the default: strata of Sobol
- *                                              strata                  points or pixels are kept,
- *                                                                      at N = 256 a third or less
- *                                                                      of the error of ALIAS
- *     ENVSAMP_KD_ALIAS   by alias, exact and   become    1     no      numbers are random anyway:
- *                        of least variance     random                  fastest, least variance
- *     ENVSAMP_KD_FIT     by an analytic pdf    become    1.7   no      to compare with [1]: 11 %
- *                        [1]                   random                  smaller, 5 to 60 % more
- *                                                                      variance, up to 140 %
+ *     select            blocks are drawn     points  time  bits  invert  take it when
+ *     ENVSAMP_KD_WARP   by inversion, exact  stay    1.5   10    yes     the default: strata of
+ *                                            strata                      Sobol points or pixels are
+ *                                                                        kept, at N = 256 a third
+ *                                                                        or less of ALIAS's error
+ *     ENVSAMP_KD_ALIAS  by alias, exact and  become  1     8     no      numbers are random anyway:
+ *                       of least variance    random                      fastest, least variance
+ *     ENVSAMP_KD_FIT    by an analytic pdf   become  1.7   12    no      to compare with [1]: 11 %
+ *                       [1]                  random                      smaller, 5 to 60 % more
+ *                                                                        variance, up to 140 %
+ *     envsamp_cdf       by inversion over    stay    3     10    yes     lookups take the nearest
+ *                       texels               strata                      texel: no excess variance,
+ *                                                                        4.5 bytes a texel
  *
- *     envsamp_cdf        by inversion over     stay      3     yes     lookups take the nearest
- *                        texels                strata                  texel: no excess variance,
- *                                                                      4.5 bytes a texel
+ * Numbers of that many bits, u0 and u1 alike, draw a sky whose sun is hidden to 1 % as bright as it
+ * is, from 16384 blocks or all texels.
  *
  * And without a table, all samples of a map at once, by error diffusion: envsamp_halftone for an
  * importance map that is used but once, such as light x BRDF x cosine at one point; envsamp_lights
@@ -394,9 +396,9 @@ ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd);
    WARP: every block is a rectangle of the unit square, in which u0 goes round in azimuth and u1
    down in polar angle, both evenly. The leading bits name one of 2^k equally bright parts of the
    map, 6144 blocks: 2048; then fewer than 2 cuts are expected, and never more than 32.
-   ALIAS, FIT: the leading bits of u0 choose the block, what is left of it places the sample in
-   azimuth, and where that runs out, the 12 low bits of u1 continue it, all of which places the
-   sample in the polar angle. */
+   ALIAS: the leading bits of both choose two blocks, what is left of u1 one of the two and the
+   polar angle, of u0 the azimuth. FIT: the leading bits of u0 choose the block, what is left of it,
+   and then the 12 low bits of u1, the azimuth, u1 the polar angle. */
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0,
                                                             float u1);
 
@@ -2713,6 +2715,7 @@ typedef struct envsamp__tree {
     int block_count, heap_count;
     int tile_bits;                      /* the first 2^tile_bits blocks were the tiles */
     int crown_at;                       /* the block of the crown to be halved next; -1 none */
+    int even;                           /* nonzero: half of its cuts are at columns */
 } envsamp__tree;
 
 static inline double envsamp__block_sr(const envsamp__block *b)
@@ -3407,10 +3410,10 @@ static int envsamp__grow(envsamp__tree *tree, int wanted)
  * KD CROWN                                                              [search: @kd-crown]
  *
  * WARP's tree begins with tile_bits levels of cuts that halve the light, within a few percent,
- * across azimuth and polar angle in turns, through texels where need be. The 2^tile_bits tiles
- * that they make are drawn equally often, their images in the unit square are the cells of a
- * regular grid, and the leading bits of u0 and u1 name the tile: no search, no grid of links.
- * Each tile is then split like a map of its own.
+ * across azimuth and polar angle in turns, but a long map first shorter, through texels where need
+ * be. The 2^tile_bits tiles that they make are drawn equally often, their images in the unit square
+ * are the cells of a regular grid, and the leading bits of u0 and u1 name the tile: no search, no
+ * grid of links. Each tile is then split like a map of its own.
  *
  * Half as many tiles leave 20 % less excess variance, and take twice as many cuts below a tile;
  * other orders and weights of halves were no better (bench/experiments.md).
@@ -3714,6 +3717,20 @@ static void envsamp__crown_end(envsamp__tree *tree)
     tree->heap_count = 0;
 }
 
+/* How many of the first cuts are at columns: half, but a long map is first made as wide as high
+   within 8 times, in texels, since tiles that are longer are slow to read. */
+static int envsamp__crown_columns(const envsamp__tree *tree, int cuts)
+{
+    int64_t across = tree->map->image_width, down = tree->map->image_height;
+    int x = (cuts + 1) / 2;
+
+    while (!tree->even && x > 0 && cuts - x < 10 && down << x > across << (cuts - x + 3))
+        x--;
+    while (!tree->even && x < cuts && x < 10 && across << (cuts - x) > down << (x + 3))
+        x++;
+    return x;
+}
+
 static int envsamp__most_tile_bits(int block_limit)
 {
     int bits = 0;
@@ -3740,17 +3757,19 @@ static void envsamp__crown_begin(envsamp__tree *tree, int bits)
    0 when it is done. */
 static int envsamp__crown_grow(envsamp__tree *tree)
 {
-    int level = 0;
+    int level = 0, axis;
 
     if (tree->crown_at < 0)
         return 0;
     while ((2 << level) - 1 <= tree->crown_at)
         level++;
-    if (envsamp__halve(tree, tree->crown_at, level & 1,
+    axis = envsamp__crown_columns(tree, level) == envsamp__crown_columns(tree, level + 1);
+    if (envsamp__halve(tree, tree->crown_at, axis,
                        tree->map->integral / (double)(1 << level))) {
         tree->crown_at = envsamp__crown_next(tree->crown_at, tree->tile_bits);
     } else {
-        tree->tile_bits--;
+        tree->tile_bits -= tree->even;
+        tree->even = 1;
         tree->crown_at = tree->tile_bits > 0 ? 0 : -1;
     }
     if (tree->crown_at < 0)
@@ -4130,8 +4149,8 @@ static void envsamp__round_draws(const double *weight, int count, uint32_t *draw
         }
 }
 
-/* Of the 2^24 numbers that u0 can be, bin i has 2^shift. The first `own` draw block i, the others
-   block `alias`: together always 25 bits. */
+/* Of the 2^24 draws bin i has 2^shift. The first `own` are of block i, the others of block `alias`:
+   together always 25 bits. */
 static inline uint32_t envsamp__bin(uint32_t own, uint32_t alias, int shift)
 {
     return own << (24 - shift) | alias;
@@ -4185,9 +4204,10 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  *                          from the cut on is the higher side. `edge` is its image in the map.
  *     edges   ALIAS, FIT   block_count x { float x0, x1, y0, y1 }: as those of tiles
  *     pdf     ALIAS, FIT   block_count x float, per steradian
- *     alias   ALIAS        2^bits x uint32: own << bits | alias. With 24-bit numbers u0, bin
- *                          u0 >> alias_shift draws block `bin` if the other bits are below own,
- *                          else block `alias`.
+ *     alias   ALIAS        2^bits x uint32: own << bits | alias. Leading bits of u1, then of u0 (of
+ *                          it one more if `bits` is odd) are the bin; where the others of u1, xor
+ *                          the leading bits of ~bin 0x9e3779b9, are below own, it draws the block
+ *                          of its number, else block `alias`.
  *     roots   WARP         tiles x link
  *     nodes   all          block_count x { float cut; uint32 child[2] }: the tree, for pdf(dir);
  *                          the last is not used. `cut` is an azimuth, or, with a minus sign, a
@@ -4244,26 +4264,8 @@ struct envsamp_kd {
 typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 200 ? 1 : -1];
 
 /* An array of the table. */
-ENVSAMP__HOT const float *envsamp__floats(const envsamp_kd *kd, uint32_t at)
-{
-    return (const float *)(const void *)((const char *)kd + at);
-}
-ENVSAMP__HOT const uint32_t *envsamp__words(const envsamp_kd *kd, uint32_t at)
-{
-    return (const uint32_t *)(const void *)((const char *)kd + at);
-}
-ENVSAMP__HOT const envsamp__warp *envsamp__kd_warp(const envsamp_kd *kd)
-{
-    return (const envsamp__warp *)(const void *)((const char *)kd + kd->warp_at);
-}
-ENVSAMP__HOT const envsamp__edges *envsamp__kd_tiles(const envsamp_kd *kd)
-{
-    return (const envsamp__edges *)(const void *)((const char *)kd + kd->tiles_at);
-}
-ENVSAMP__HOT const envsamp__node *envsamp__kd_nodes(const envsamp_kd *kd)
-{
-    return (const envsamp__node *)(const void *)((const char *)kd + kd->nodes_at);
-}
+#define ENVSAMP__ARRAY(type, kd, name) \
+    ((const type *)(const void *)((const char *)(kd) + (kd)->name##_at))
 
 /* Bits of a power of two that is at least count. */
 static uint32_t envsamp__bits(uint32_t count)
@@ -4369,7 +4371,7 @@ static double envsamp__edges_sr(uint32_t mapping, const envsamp__edges *e)
 static uint32_t envsamp__table_link(const envsamp_kd *kd, uint32_t link, const uint32_t *place)
 {
     return link & ENVSAMP__LEAF
-         ? envsamp__float_bits(envsamp__floats(kd, kd->pdf_at)[place[link & ~ENVSAMP__LEAF]])
+         ? envsamp__float_bits(ENVSAMP__ARRAY(float, kd, pdf)[place[link & ~ENVSAMP__LEAF]])
          : ENVSAMP__INNER | link;
 }
 
@@ -4410,7 +4412,7 @@ static uint32_t envsamp__cell_link(const envsamp__node *nodes, uint32_t link, fl
 static void envsamp__write_grid(const envsamp_kd *kd, uint32_t root, uint32_t y0, uint32_t y1,
                                 uint32_t *grid)
 {
-    const envsamp__node *nodes = envsamp__kd_nodes(kd);
+    const envsamp__node *nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
     uint32_t columns = 1u << kd->grid_bits_x, rows = 1u << kd->grid_bits_y, x0, x, y;
     uint32_t wide = columns < 8 ? columns : 8;
     float width = 4.0f / (float)columns, height = kd->polar_end / (float)rows;
@@ -4658,32 +4660,27 @@ static void envsamp__warp_tile(envsamp__warp_writer *w, uint32_t i)
 
 /* ---- sampling ---- */
 
-/* A block, and where in azimuth, [0, 1], a sample lies in it. */
-typedef struct envsamp__choice { int block; float fx; } envsamp__choice;
+/* A block, and where a sample lies in it: azimuth and solid angle from its upper edge, [0, 1]. */
+typedef struct envsamp__choice { int block; float fx, fy; } envsamp__choice;
 
-/* What u1 holds beyond its leading 12 bits, [0, 1): continues a u0 that has run out of bits. Half
-   a turn on, so that it is 1/2, not 0, for points of a coarse lattice. */
-ENVSAMP__HOT float envsamp__lower_half(float u1)
-{
-    float low = u1 * 4096.0f + 0.5f;
-
-    return low - (float)(int)low;
-}
-
-/* The leading bits of u0 are the bin, the number that they lead decides for its own block or its
-   alias, and where that lies among the draws of the chosen one is the position in azimuth. The
-   lower half of u1 continues it. */
+/* See KD TABLE. What is left of u0 is the azimuth, and where the draw lies among those of the block
+   the polar angle. Each bin has its draws in an order of its own, by a multiple of the golden
+   ratio: those of a coarse u1 would all be low ones, and dim blocks drawn too often. */
 ENVSAMP__HOT envsamp__choice envsamp__alias_choose(const envsamp_kd *kd, float u0, float u1)
 {
-    int shift = (int)kd->alias_shift, draw = (int)(u0 * ENVSAMP__UNIT), bin = draw >> shift;
-    int entry = (int)envsamp__words(kd, kd->alias_at)[bin], at = draw & ((1 << shift) - 1);
-    int own = entry >> (24 - shift), alias = entry & ((1 << (24 - shift)) - 1);
-    int other = -(at >= own);                   /* all ones for the alias */
-    int count = own + (((1 << shift) - 2 * own) & other);
+    int shift = (int)kd->alias_shift, bits_x = 12 - (shift >> 1), shift_y = shift + bits_x;
+    float across = u0 * (float)(1 << bits_x);
+    int column = (int)across, y = (int)(u1 * ENVSAMP__UNIT);
+    int bin = (y >> shift & -(1 << bits_x)) | column;
+    int entry = (int)ENVSAMP__ARRAY(uint32_t, kd, alias)[bin];
+    int alias = entry & (((1 << 24) - 1) >> shift), own = entry ^ alias;    /* of 2^24 */
+    uint32_t mixed = (uint32_t)y << (32 - shift_y) ^ ~(uint32_t)bin * 0x9e3779b9u;
+    int past = (int)(mixed >> 8) - own, chosen = -(past < 0);   /* all ones for its own */
     envsamp__choice choice;
 
-    choice.block = bin ^ ((bin ^ alias) & other);
-    choice.fx = ((float)(at - (own & other)) + envsamp__lower_half(u1)) / (float)count;
+    choice.block = alias ^ ((bin ^ alias) & chosen);
+    choice.fx = across - (float)column;
+    choice.fy = (float)past / (float)((~chosen & (1 << 24)) - own);
     return choice;
 }
 
@@ -4705,14 +4702,16 @@ ENVSAMP__HOT float envsamp__fit_position(const envsamp_kd *kd, float f, float a)
          * (1.0f - s * (1.0f / 3 + s * (4.0f / 45 + s * (44.0f / 945 + s * (428.0f / 14175)))));
 }
 
-/* x = P^-1(u0) [1, equation 8]; the block is its whole part. */
+/* x = P^-1(u0) [1, equation 8]; the block is its whole part. What u1 holds beyond its leading 12
+   bits continues u0: half a turn on, so that it is 1/2, not 0, for points of a coarse lattice. */
 ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0, float u1)
 {
     double g = (double)u0 * kd->fit_total;
-    float low = envsamp__lower_half(u1), x;
+    float low = u1 * 4096.0f + 0.5f, x;
     envsamp__choice choice;
     int x_whole;
 
+    low -= (float)(int)low;
     if (kd->model == ENVSAMP_KD_POWER)
         g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta),
                                      g + (double)(low / ENVSAMP__UNIT) * kd->fit_total);
@@ -4722,6 +4721,7 @@ ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0,
     x_whole = (int)x;
     choice.block = x_whole;
     choice.fx = envsamp__fit_position(kd, x - (float)x_whole, kd->fit_alpha + (float)x_whole);
+    choice.fy = u1;
     return choice;
 }
 
@@ -4755,15 +4755,14 @@ ENVSAMP__HOT envsamp__point envsamp__between(float x0, float x1, float fx, float
     return p;
 }
 
-/* The point of a chosen block at u1 of its solid angle from its upper edge. Indices are written so
-   that compilers make them gathers. */
-ENVSAMP__HOT envsamp__point envsamp__block_point(const envsamp_kd *kd, envsamp__choice choice,
-                                                 float u1)
+/* The point of a choice. Indices are written so that compilers make them gathers. */
+ENVSAMP__HOT envsamp__point envsamp__block_point(const envsamp_kd *kd, envsamp__choice choice)
 {
-    const float *edge = envsamp__floats(kd, kd->edges_at);
+    const float *edge = ENVSAMP__ARRAY(float, kd, edges);
     int at = 4 * choice.block;
 
-    return envsamp__between(edge[at], edge[at + 1], choice.fx, edge[at + 2], edge[at + 3], u1);
+    return envsamp__between(edge[at], edge[at + 1], choice.fx, edge[at + 2], edge[at + 3],
+                             choice.fy);
 }
 
 /* The way down from a tile. f: place in the tile, across u0 and u1. cut and edge: the edges so
@@ -4803,14 +4802,14 @@ ENVSAMP__HOT envsamp__point envsamp__warp_point(const float *f, const float *cut
 ENVSAMP__HOT envsamp__point envsamp__warp_sample(const envsamp_kd *kd, float u0, float u1,
                                                  float *pdf)
 {
-    const envsamp__warp *nodes = envsamp__kd_warp(kd);
+    const envsamp__warp *nodes = ENVSAMP__ARRAY(envsamp__warp, kd, warp);
     float f[2], cut[4], edge[4];
     int tile = envsamp__warp_start(kd, u0, u1, &f[0], &f[1]);
-    uint32_t link = envsamp__words(kd, kd->roots_at)[tile];
+    uint32_t link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
 
     cut[0] = cut[2] = 0.0f;
     cut[1] = cut[3] = 1.0f;
-    ENVSAMP_MEMCPY(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
+    ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
     while (link & ENVSAMP__INNER)
         link = envsamp__warp_step(&nodes[link & ~ENVSAMP__INNER], f, cut, edge, 1);
     *pdf = envsamp__bits_float(link);
@@ -4959,7 +4958,7 @@ ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__diamond 
     uint32_t row = envsamp__index(d.polar * kd->grid_scale_y, 1u << kd->grid_bits_y);
     int cell = (int)((row << kd->grid_bits_x) + column);
 
-    return envsamp__words(kd, kd->grid_at)[cell] & (0u - (uint32_t)d.valid);
+    return ENVSAMP__ARRAY(uint32_t, kd, grid)[cell] & (0u - (uint32_t)d.valid);
 }
 
 ENVSAMP__HOT uint64_t envsamp__place_bits(envsamp__diamond d)
@@ -5199,7 +5198,7 @@ static void envsamp__write_listed(envsamp_kd_job *job)
     envsamp__write_nodes(kd, &job->tree, job->place,
                          (envsamp__node *)(void *)(base + kd->nodes_at));
     job->writer.root = kd->block_count > 1 ? ENVSAMP__INNER
-                     : envsamp__float_bits(*envsamp__floats(kd, kd->pdf_at));
+                     : envsamp__float_bits(*ENVSAMP__ARRAY(float, kd, pdf));
 }
 
 /* WARP: one more tile. Where the unit square had no room for some cuts, all tiles once more, with
@@ -5244,8 +5243,8 @@ static void envsamp__choose(envsamp_kd_job *job)
         job->writer.kd = kd;
         job->writer.leaf_count = kd->block_count;
         envsamp__sum_q(&job->tree, job->probability);
-        kd->tile_bits_x = (uint32_t)(job->tree.tile_bits + 1) / 2;
-        kd->tile_bits_y = (uint32_t)job->tree.tile_bits / 2;
+        kd->tile_bits_x = (uint32_t)envsamp__crown_columns(&job->tree, job->tree.tile_bits);
+        kd->tile_bits_y = (uint32_t)job->tree.tile_bits - kd->tile_bits_x;
     }
 }
 
@@ -5543,7 +5542,7 @@ static int envsamp__edges_valid(uint32_t mapping, const envsamp__edges *e)
 /* Blocks inside the map, with finite densities. */
 static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
 {
-    const float *edge = envsamp__floats(kd, kd->edges_at), *pdf = envsamp__floats(kd, kd->pdf_at);
+    const float *edge = ENVSAMP__ARRAY(float, kd, edges), *pdf = ENVSAMP__ARRAY(float, kd, pdf);
     uint32_t i;
 
     for (i = 0; i < kd->block_count; i++) {
@@ -5558,7 +5557,7 @@ static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
 
 static int envsamp__kd_alias_valid(const envsamp_kd *kd)
 {
-    const uint32_t *bins = envsamp__words(kd, kd->alias_at);
+    const uint32_t *bins = ENVSAMP__ARRAY(uint32_t, kd, alias);
     uint32_t room = 1u << kd->alias_shift, bits = 24 - kd->alias_shift, i;
 
     for (i = 0; i < 1u << bits; i++) {
@@ -5581,8 +5580,8 @@ static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t count)
 /* Children come after their parents, so every descent ends. */
 static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
 {
-    const envsamp__node *nodes = envsamp__kd_nodes(kd);
-    const uint32_t *grid = envsamp__words(kd, kd->grid_at);
+    const envsamp__node *nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
+    const uint32_t *grid = ENVSAMP__ARRAY(uint32_t, kd, grid);
     uint32_t cells = 1u << (kd->grid_bits_x + kd->grid_bits_y), i;
 
     for (i = 0; i + 1 < kd->block_count; i++)
@@ -5614,7 +5613,7 @@ static uint32_t envsamp__tile_valid(const envsamp_kd *kd, uint32_t link, envsamp
     stack[0].edges = edges;
     for (top = 1; top > 0;) {
         envsamp__checked *high = &stack[top - 1], *low = &stack[top];
-        const envsamp__warp *warp = &envsamp__kd_warp(kd)[met];
+        const envsamp__warp *warp = &ENVSAMP__ARRAY(envsamp__warp, kd, warp)[met];
         float cut, units;
         int axis;
 
@@ -5648,8 +5647,8 @@ static uint32_t envsamp__tile_valid(const envsamp_kd *kd, uint32_t link, envsamp
 
 static int envsamp__kd_warp_valid(const envsamp_kd *kd)
 {
-    const envsamp__edges *tiles = envsamp__kd_tiles(kd);
-    const uint32_t *roots = envsamp__words(kd, kd->roots_at);
+    const envsamp__edges *tiles = ENVSAMP__ARRAY(envsamp__edges, kd, tiles);
+    const uint32_t *roots = ENVSAMP__ARRAY(uint32_t, kd, roots);
     uint32_t count = 1u << (kd->tile_bits_x + kd->tile_bits_y), met = 0, i;
 
     for (i = 0; i < count && met != UINT32_MAX; i++)
@@ -5693,8 +5692,8 @@ ENVSAMP__HOT envsamp__point envsamp__listed_sample(const envsamp_kd *kd, float u
     envsamp__choice choice = kd->select == ENVSAMP_KD_ALIAS ? envsamp__alias_choose(kd, u0, u1)
                                                             : envsamp__fit_choose(kd, u0, u1);
 
-    *pdf = envsamp__floats(kd, kd->pdf_at)[choice.block];
-    return envsamp__block_point(kd, choice, u1);
+    *pdf = ENVSAMP__ARRAY(float, kd, pdf)[choice.block];
+    return envsamp__block_point(kd, choice);
 }
 
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0,
@@ -5720,7 +5719,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
     int i;
 
     ENVSAMP_ASSERT(kd && dir);
-    nodes = envsamp__kd_nodes(kd);
+    nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
     d = envsamp__place(kd->mapping, kd->polar_end, dir[0], dir[1], dir[2],
                        ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     link = envsamp__grid_link(kd, d);
@@ -5739,17 +5738,17 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
 /* The tile in a direction: down the crown. */
 ENVSAMP__MATH int envsamp__tile_at(const envsamp_kd *kd, float azimuth, float polar)
 {
-    const envsamp__node *nodes = envsamp__kd_nodes(kd);
+    const envsamp__node *nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
     uint32_t bits = kd->tile_bits_x + kd->tile_bits_y, node = 0, level, at[2] = { 0, 0 };
 
     for (level = 0; level < bits; level++) {
         float cut = nodes[node].cut;
-        uint32_t high = cut < 0.0f ? polar >= -cut : azimuth >= cut;
+        uint32_t axis = cut < 0.0f, high = axis ? polar >= -cut : azimuth >= cut;
 
-        at[level & 1] = 2 * at[level & 1] + high;
+        at[axis] = 2 * at[axis] + high;
         node = 2 * node + 1 + high;
     }
-    return (int)((at[1] << kd->tile_bits_x) + at[0]);
+    return (int)((at[1] << kd->tile_bits_x) + at[0]) & ((1 << bits) - 1);     /* if damaged */
 }
 
 /* Where between two cuts of the unit square lies the fraction f between their edges, as the number
@@ -5824,10 +5823,11 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     e = envsamp__exact_place(kd->mapping, dir);
     polar = envsamp__with_sign((float)e.cap, e.south);
     tile = envsamp__tile_at(kd, d.azimuth, d.polar);
-    ENVSAMP_MEMCPY(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
-    link = envsamp__words(kd, kd->roots_at)[tile];
+    ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
+    link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
     while (link & ENVSAMP__INNER) {
-        const envsamp__warp *node = &envsamp__kd_warp(kd)[link & ~ENVSAMP__INNER];
+        const envsamp__warp *node = ENVSAMP__ARRAY(envsamp__warp, kd, warp)
+                                  + (link & ~ENVSAMP__INNER);
         int axis = envsamp__sign(node->cut);
         int high = axis ? envsamp__edge_key(polar) >= envsamp__edge_key(node->edge)
                         : e.x >= (double)node->edge;
@@ -5867,12 +5867,12 @@ ENVSAMP__HOT void envsamp__batch_put(envsamp__batch *batch, int i, envsamp__poin
 ENVSAMP__HOT void envsamp__alias_batch(const envsamp_kd *kd, int n, const float *u0,
                                        const float *u1, envsamp__batch *out)
 {
-    const float *pdf = envsamp__floats(kd, kd->pdf_at);
+    const float *pdf = ENVSAMP__ARRAY(float, kd, pdf);
     int i;
 
     for (i = 0; i < n; i++) {
         envsamp__choice choice = envsamp__alias_choose(kd, u0[i], u1[i]);
-        envsamp__point p = envsamp__block_point(kd, choice, u1[i]);
+        envsamp__point p = envsamp__block_point(kd, choice);
 
         envsamp__batch_put(out, i, p, pdf[choice.block]);
     }
@@ -5881,12 +5881,12 @@ ENVSAMP__HOT void envsamp__alias_batch(const envsamp_kd *kd, int n, const float 
 ENVSAMP__HOT void envsamp__fit_batch(const envsamp_kd *kd, int n, const float *u0, const float *u1,
                                      envsamp__batch *out)
 {
-    const float *pdf = envsamp__floats(kd, kd->pdf_at);
+    const float *pdf = ENVSAMP__ARRAY(float, kd, pdf);
     int i;
 
     for (i = 0; i < n; i++) {
         envsamp__choice choice = envsamp__fit_choose(kd, u0[i], u1[i]);
-        envsamp__point p = envsamp__block_point(kd, choice, u1[i]);
+        envsamp__point p = envsamp__block_point(kd, choice);
 
         envsamp__batch_put(out, i, p, pdf[choice.block]);
     }
@@ -5896,9 +5896,9 @@ ENVSAMP__HOT void envsamp__fit_batch(const envsamp_kd *kd, int n, const float *u
    which become fractions of blocks. */
 ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, int n, float *f, envsamp__batch *out)
 {
-    const float *tiles = envsamp__floats(kd, kd->tiles_at);
-    const uint32_t *roots = envsamp__words(kd, kd->roots_at);
-    const envsamp__warp *nodes = envsamp__kd_warp(kd);
+    const float *tiles = ENVSAMP__ARRAY(float, kd, tiles);
+    const uint32_t *roots = ENVSAMP__ARRAY(uint32_t, kd, roots);
+    const envsamp__warp *nodes = ENVSAMP__ARRAY(envsamp__warp, kd, warp);
     float *cut = out->at, edge[4 * ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
     int under_way[ENVSAMP__BATCH], count = 0, left, i, k;
@@ -5969,7 +5969,7 @@ ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float
 ENVSAMP__HOT void envsamp__pdf_batch(const envsamp_kd *kd, int n, const float *x, const float *y,
                                      const float *z, float *pdf)
 {
-    const envsamp__node *nodes = envsamp__kd_nodes(kd);
+    const envsamp__node *nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
     float r[ENVSAMP__BATCH];
     uint64_t place[ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
@@ -6040,7 +6040,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_
 static uint32_t envsamp__warp_before(const envsamp_kd *kd, uint32_t tile)
 {
     uint32_t count = 1u << (kd->tile_bits_x + kd->tile_bits_y);
-    const uint32_t *roots = envsamp__words(kd, kd->roots_at);
+    const uint32_t *roots = ENVSAMP__ARRAY(uint32_t, kd, roots);
 
     for (; tile < count; tile++)
         if (roots[tile] & ENVSAMP__INNER)
@@ -6064,13 +6064,13 @@ static void envsamp__warp_block(const envsamp_kd *kd, uint32_t number, envsamp__
         else
             past = middle;
     }
-    link = envsamp__words(kd, kd->roots_at)[tile];
+    link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
     first = tile + envsamp__warp_before(kd, tile);
     end = envsamp__warp_before(kd, tile + 1);
-    ENVSAMP_MEMCPY(edge, envsamp__kd_tiles(kd) + tile, sizeof edge);
+    ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
     while (link & ENVSAMP__INNER) {
         uint32_t at = link & ~ENVSAMP__INNER, low_end, low_count, high;
-        const envsamp__warp *node = &envsamp__kd_warp(kd)[at];
+        const envsamp__warp *node = &ENVSAMP__ARRAY(envsamp__warp, kd, warp)[at];
         int axis = envsamp__sign(node->cut);
 
         low_end = node->child[1] & ENVSAMP__INNER ? node->child[1] & ~ENVSAMP__INNER : end;
@@ -6111,8 +6111,8 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
     if (kd->select == ENVSAMP_KD_WARP) {
         envsamp__warp_block(kd, (uint32_t)number, &edges, &probability);
     } else {
-        ENVSAMP_MEMCPY(&edges, envsamp__floats(kd, kd->edges_at) + 4 * number, sizeof edges);
-        probability = (double)envsamp__floats(kd, kd->pdf_at)[number]
+        ENVSAMP_MEMCPY(&edges, ENVSAMP__ARRAY(float, kd, edges) + 4 * number, sizeof edges);
+        probability = (double)ENVSAMP__ARRAY(float, kd, pdf)[number]
                     * envsamp__edges_sr(kd->mapping, &edges);
     }
     block->uv_min[0] = edges.x0;

@@ -419,7 +419,7 @@ int main(int argc, char **argv)
     print_table("Excess variance of ALIAS by criterion, and of FIT by model and objective "
                 "(LOG L1: as published)", &set, rows, SSE, ALPHA);
     print_table("LOG L1: alpha and l1; POWER CHI2: beta; largest L/(pdf integral), and total\n"
-                "variation of the blocks that all 2^24 values of u0 draw, ALIAS and LOG L1",
+                "variation of the blocks that all 2^24 draws give, ALIAS and LOG L1",
                 &set, rows, ALPHA, LEAST);
     print_table("LOG L1: least l1 of a scan of alpha, by block count, and the worst relative gap "
                 "of the fit", &set, rows, LEAST, FEW);

@@ -38,7 +38,7 @@ static inline warp_leaf warp_enter(const envsamp_kd *kd, uint32_t tile)
     warp_leaf leaf = { 0, 1, 0, { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 0.0f, 0.0f, 0.0f } };
 
     leaf.tile = tile;
-    memcpy(leaf.edge, envsamp__kd_tiles(kd) + tile, sizeof leaf.edge);
+    memcpy(leaf.edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof leaf.edge);
     return leaf;
 }
 
@@ -48,14 +48,15 @@ static inline warp_leaf warp_locate(const envsamp_kd *kd, const float u[2])
     const float across = u[0] * (float)(1 << kd->tile_bits_x);
     const float down = u[1] * (float)(1 << kd->tile_bits_y);
     const uint32_t tile = ((uint32_t)down << kd->tile_bits_x) + (uint32_t)across;
-    uint32_t link = envsamp__words(kd, kd->roots_at)[tile];
+    uint32_t link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
     warp_leaf leaf = warp_enter(kd, tile);
     float f[2];
 
     f[0] = across - (float)(uint32_t)across;
     f[1] = down - (float)(uint32_t)down;
     while (link & ENVSAMP__INNER) {
-        const envsamp__warp *node = &envsamp__kd_warp(kd)[link & ~ENVSAMP__INNER];
+        const envsamp__warp *node = ENVSAMP__ARRAY(envsamp__warp, kd, warp)
+                                  + (link & ~ENVSAMP__INNER);
         const int high = f[envsamp__sign(node->cut)] >= ENVSAMP_FABSF(node->cut);
 
         warp_take(node, high, &leaf);
@@ -76,7 +77,8 @@ static inline void warp_count_below(const envsamp_kd *kd, uint32_t link, const w
         return;
     }
     for (high = 0; high < 2; high++) {
-        const envsamp__warp *node = &envsamp__kd_warp(kd)[link & ~ENVSAMP__INNER];
+        const envsamp__warp *node = ENVSAMP__ARRAY(envsamp__warp, kd, warp)
+                                  + (link & ~ENVSAMP__INNER);
         warp_leaf child = *at;
 
         warp_take(node, high, &child);
@@ -92,7 +94,7 @@ static inline warp_cuts warp_count_cuts(const envsamp_kd *kd)
     for (tile = 0; tile < warp_tile_count(kd); tile++) {
         const warp_leaf top = warp_enter(kd, tile);
 
-        warp_count_below(kd, envsamp__words(kd, kd->roots_at)[tile], &top, &cuts);
+        warp_count_below(kd, ENVSAMP__ARRAY(uint32_t, kd, roots)[tile], &top, &cuts);
     }
     cuts.expected /= (double)warp_tile_count(kd);
     return cuts;

@@ -175,7 +175,7 @@ kd_warp_block kd_warp_at(const envsamp_kd *kd, double u0, double u1)
 
 void inside_kd_edges(const envsamp_kd *kd, int block, float edge[4])
 {
-    memcpy(edge, envsamp__floats(kd, kd->edges_at) + 4 * block, 4 * sizeof *edge);
+    memcpy(edge, ENVSAMP__ARRAY(float, kd, edges) + 4 * block, 4 * sizeof *edge);
 }
 
 int inside_alias_block(const envsamp_kd *kd, float u0, float u1)

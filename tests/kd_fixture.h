@@ -119,6 +119,15 @@ static inline void kd_fixture_free(kd_fixture *f)
     memset(f, 0, sizeof *f);
 }
 
+/* Draw i of the 2^24 that a table of ALIAS tells apart: the bits of u0 that choose a bin lead. */
+static inline void kd_alias_draw(const envsamp_kd *kd, int i, float u[2])
+{
+    const int bits = 12 - (int)KD_WORD(kd, alias_shift) / 2;
+
+    u[0] = (float)(i >> (24 - bits)) / (float)(1 << bits);
+    u[1] = (float)(i & ((1 << (24 - bits)) - 1)) / (float)(1 << (24 - bits));
+}
+
 /* ---- what a table should hold, from the map alone ---- */
 
 /* Solid angle of texels [x0, x1) x [y0, y1), by the plain formula in the widest type. */

@@ -149,7 +149,7 @@ static inline int reference_owner(const reference *r, double u, double v)
 }
 
 /* Total variation between the probabilities and how often the blocks are drawn by all 2^24
-   values of u0. */
+   values of u0, or, of ALIAS, of u0 and u1. */
 static inline double reference_realised(const reference *r)
 {
     const int all = 1 << 24, count = r->f.info.block_count;
@@ -159,8 +159,12 @@ static inline double reference_realised(const reference *r)
 
     for (i = 0; i < all; i++) {
         const envsamp_sample s = envsamp_kd_sample(r->f.kd, (float)i / (float)all, 0.5f);
+        float u[2];
 
-        drawn[reference_owner(r, (double)s.uv[0], (double)s.uv[1])] += 1.0;
+        kd_alias_draw(r->f.kd, i, u);
+        drawn[r->f.desc.select == ENVSAMP_KD_ALIAS
+              ? inside_alias_block(r->f.kd, u[0], u[1])
+              : reference_owner(r, (double)s.uv[0], (double)s.uv[1])] += 1.0;
     }
     for (i = 0; i < count; i++)
         distance += 0.5 * fabs(drawn[i] / (double)all - r->rects[i].probability);

@@ -383,8 +383,11 @@ static void test_every_draw(content what, int blocks)
     sampler_make(&s, &request);
     count = s.result == ENVSAMP_OK ? (int)KD_WORD(s.kd, block_count) : 0;
     for (i = 0; count > 0 && i < UNIT; i++) {
-        const int block = inside_alias_block(s.kd, (float)i / (float)UNIT, 0.5f);
+        float u[2];
+        int block;
 
+        kd_alias_draw(s.kd, i, u);
+        block = inside_alias_block(s.kd, u[0], u[1]);
         drawn[block >= 0 && block < count ? block : blocks]++;
     }
     for (i = 0; i < count; i++) {

@@ -152,17 +152,20 @@ static place read_warp(const unsigned char *t, double u0, double u1)
     return p;
 }
 
-/* The leading bits of u0 are the bin; the number that they lead is below the bin's own draws or it
-   is the alias's, and its place among those, with the lower half of u1, is the azimuth. */
+/* The leading bits of u1 and u0 are the bin, what is left of u0 is the azimuth. The draw that is
+   left of u1, in the order of the bin, is below the bin's own draws or it is the alias's, and how
+   far it is from the end of those is the polar angle, backwards for its own. */
 static place read_alias(const unsigned char *t, double u0, double u1)
 {
-    const uint32_t shift = word(t, AT_ALIAS_SHIFT), draw = (uint32_t)(u0 * 16777216.0);
-    const uint32_t bin = draw >> shift, at = draw & ((1u << shift) - 1);
-    const uint32_t both = entry(t, AT_ALIAS, bin, 4, 0), own = both >> (24 - shift);
-    const uint32_t block = at < own ? bin : both & ((1u << (24 - shift)) - 1);
-    const double lower = u1 * 4096.0 + 0.5 - floor(u1 * 4096.0 + 0.5);
-    const double fx = ((double)(at < own ? at : at - own) + lower)
-                    / (double)(at < own ? own : (1u << shift) - own);
+    const uint32_t shift = word(t, AT_ALIAS_SHIFT), bits = 24 - shift, bits_y = bits / 2;
+    const double across = ldexp(u0, (int)(bits - bits_y)), down = ldexp(u1, (int)bits_y);
+    const uint32_t bin = ((uint32_t)down << (bits - bits_y)) + (uint32_t)across;
+    const uint32_t order = (uint32_t)((4294967295u - bin) * (uint64_t)2654435769u) >> 8;
+    const uint32_t at = (uint32_t)ldexp(down - floor(down), 24) ^ order;
+    const uint32_t both = entry(t, AT_ALIAS, bin, 4, 0), own = both >> bits << bits;
+    const uint32_t block = at < own ? bin : both - own;
+    const double fy = at < own ? (double)(own - at) / (double)own
+                               : (double)(at - own) / (double)((1u << 24) - own);
     uint32_t edge[4];
     place p;
     int k;
@@ -170,7 +173,7 @@ static place read_alias(const unsigned char *t, double u0, double u1)
     for (k = 0; k < 4; k++)
         edge[k] = entry(t, AT_EDGES, block, 16, (size_t)k);
     p.pdf = real(entry(t, AT_PDF, block, 4, 0));
-    direct(t, edge, fx, u1, p.dir);
+    direct(t, edge, across - floor(across), fy, p.dir);
     return p;
 }
 

@@ -570,22 +570,27 @@ static void test_positions(const char *name, int blocks, envsamp_kd_select selec
     cells_free(&first);
 }
 
-/* The values of u0 that draw blocks which at most `most` values draw. */
+/* The draws of blocks which at most `most` of all draw. */
 static int rare_draws(const reference *r, double most, int *draws, int room)
 {
     int count = 0, i;
 
     for (i = 0; i < 1 << 24 && count < room; i++) {
-        const envsamp_sample s = envsamp_kd_sample(r->f.kd, (float)i / 16777216.0f, 0.5f);
-        const int block = reference_owner(r, (double)s.uv[0], (double)s.uv[1]);
+        envsamp_sample s;
+        int block;
+        float u[2];
 
+        kd_alias_draw(r->f.kd, i, u);
+        s = envsamp_kd_sample(r->f.kd, u[0], u[1]);
+        block = reference_owner(r, (double)s.uv[0], (double)s.uv[1]);
         if (r->rects[block].probability * 16777216.0 < most + 0.5)
             draws[count++] = i;
     }
     return count;
 }
 
-/* Blocks of one, or a few, of the 2^24 draws: u0 has nothing left to place a sample with. */
+/* Blocks of one, or a few, of the 2^24 draws: what places a sample is left of u0, and of u1 the
+   lowest bits. */
 static void test_rare_blocks(double most)
 {
     pcg32 random = pcg32_make(32, 0);
@@ -600,10 +605,15 @@ static void test_rare_blocks(double most)
     CHECK(count >= 100, "%d of all draws are of blocks with at most %.0f", count, most);
     for (i = 0; count && i < SAMPLES; i++) {
         const int draw = draws[pcg32_next(&random) % (uint32_t)count];
-        const envsamp_sample s = envsamp_kd_sample(r.f.kd, (float)draw / 16777216.0f,
-                                                   pcg32_float(&random));
-        const position p = position_of(&r, &s);
+        const float right = pcg32_float(&random), down = pcg32_float(&random);
+        envsamp_sample s;
+        position p;
+        float u[2], next[2];
 
+        kd_alias_draw(r.f.kd, draw, u);
+        kd_alias_draw(r.f.kd, 1 << (12 + (int)KD_WORD(r.f.kd, alias_shift) / 2) | 1, next);
+        s = envsamp_kd_sample(r.f.kd, u[0] + right * next[0], u[1] + down * next[1]);
+        p = position_of(&r, &s);
         cells_hit(&c, p.fx, p.fy);
     }
     position_report("blocks of few draws", &c);

@@ -817,6 +817,40 @@ static void check_blocks(const subject *s, const char *what)
           what, s->count, off, probability);
 }
 
+/* The tiles of a long map are at most 8 times as long as wide, in texels, and samples invert. */
+static void test_long(int width, int height)
+{
+    envsamp_kd_desc desc = kd_desc(6144, ENVSAMP_KD_WARP);
+    pcg32 random = pcg32_make(4, 7);
+    double longer = 0.0, off = 0.0;
+    envsamp_image view;
+    kd_fixture f;
+    image map;
+    int i, k;
+
+    map_make("foliage", width, height, &map);
+    view = kd_image(map.rgb, width, height, 3);
+    if (kd_fixture_build(&f, &view, &desc)) {
+        longer = log2((double)width / (double)height)
+               - (double)KD_WORD(f.kd, tile_bits_x) + (double)KD_WORD(f.kd, tile_bits_y);
+        for (i = 0; i < 20000; i++) {
+            const float u0 = pcg32_float(&random), u1 = pcg32_float(&random);
+            const envsamp_sample s = envsamp_kd_sample(f.kd, u0, u1);
+            envsamp_sample again;
+            float u[2];
+
+            envsamp_kd_invert(f.kd, s.dir, u);
+            again = envsamp_kd_sample(f.kd, u[0], u[1]);
+            for (k = 0; k < 3; k++)
+                worst(&off, fabs((double)again.dir[k] - (double)s.dir[k]));
+        }
+    }
+    CHECK(f.kd && fabs(longer) <= 3.0, "%dx%d: tiles of 2^%.0f to 1", width, height, longer);
+    CHECK(off > 0.0 && off <= 1e-5, "%dx%d: what is sampled inverts, to %.1e", width, height, off);
+    kd_fixture_free(&f);
+    image_free(&map);
+}
+
 /* One lit texel of 1.5e-5 turns, 256 floats wide, is not cut into 512 columns: tiles are fewer. */
 static void test_coarse(void)
 {
@@ -1019,6 +1053,9 @@ int main(int argc, char **argv)
     test_sun(40, 1, 1e12f, 1, 1000, 0);
     test_sun(1, 40, 1e12f, 1, 1000, 0);
     test_coarse();
+    test_long(16, 8192);
+    test_long(8192, 16);
+    test_long(64, 1024);
     test_thin(ENVSAMP_HEMISPHERE, 65534);
     test_thin(ENVSAMP_LATLONG, 32767);
     test_thin(ENVSAMP_LATLONG, 65534);
