@@ -7746,17 +7746,19 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
  * times; spread out over others, as a halftone must have it, they would light from beside a sun.
  * ========================================================================================== */
 
-/* Solid angle of a texel of row y. A difference of cosines as a product: nothing cancels. */
-static double envsamp__image_row_sr(const envsamp_image *image, int y)
+/* Solid angle of a texel of each row. A difference of cosines as a product: nothing cancels. */
+static void envsamp__fill_row_sr(const envsamp_image *image, double *row_sr)
 {
     double turn = image->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5, sine, half, cosine;
     double width = (double)image->width, height = (double)image->height;
+    int y;
 
-    if (image->mapping == ENVSAMP_OCTAHEDRAL)
-        return 4.0 * ENVSAMP__PI / (width * height);
     envsamp__sincos_pi(turn * 0.5 / height, &half, &cosine);
-    envsamp__sincos_pi(turn * ((double)y + 0.5) / height, &sine, &cosine);
-    return 4.0 * ENVSAMP__PI / width * half * sine;
+    for (y = 0; y < image->height; y++) {
+        envsamp__sincos_pi(turn * ((double)y + 0.5) / height, &sine, &cosine);
+        row_sr[y] = image->mapping == ENVSAMP_OCTAHEDRAL ? 4.0 * ENVSAMP__PI / (width * height)
+                                                         : 4.0 * ENVSAMP__PI / width * half * sine;
+    }
 }
 
 static float envsamp__to_float(double value)
@@ -7892,13 +7894,19 @@ static void envsamp__middle_dir(const envsamp_image *image, int x0, int y0, int 
                       0.5f * (float)(y0 + y1) / (float)image->height, dir);
 }
 
-/* The same of an octahedral map, for which there are no tables of sines. */
-static void envsamp__octahedral_middle(const envsamp_image *image, int x0, int y0, int x1, int y1,
-                                       double dir[3])
+/* The same by cosine and sine of its azimuth, and sine and cosine of its polar angle, from tables,
+   which an octahedral map cannot use. */
+static void envsamp__table_dir(const envsamp_image *image, int x0, int y0, int x1, int y1,
+                               const double *turn, double sine, double cosine, double dir[3])
 {
     float exact[3];
     int c;
 
+    dir[0] = turn[0] * sine;
+    dir[1] = turn[1] * sine;
+    dir[2] = cosine;
+    if (image->mapping != ENVSAMP_OCTAHEDRAL)
+        return;
     envsamp__middle_dir(image, x0, y0, x1, y1, exact);
     for (c = 0; c < 3; c++)
         dir[c] = (double)exact[c];
@@ -7907,28 +7915,8 @@ static void envsamp__octahedral_middle(const envsamp_image *image, int x0, int y
 /* Direction of the middle of a texel. */
 static void envsamp__texel_dir(const envsamp__squares *s, int x, int y, double dir[3])
 {
-    if (s->image->mapping == ENVSAMP_OCTAHEDRAL) {
-        envsamp__octahedral_middle(s->image, x, y, x + 1, y + 1, dir);
-        return;
-    }
-    dir[0] = s->turn[2 * x] * s->polar[2 * y];
-    dir[1] = s->turn[2 * x + 1] * s->polar[2 * y];
-    dir[2] = s->polar[2 * y + 1];
-}
-
-/* Direction of the middle of a square, with sine and cosine of its polar angle. */
-static void envsamp__square_dir(const envsamp__squares *s, int x, int y, double sine,
-                                double cosine, double dir[3])
-{
-    if (s->image->mapping == ENVSAMP_OCTAHEDRAL) {
-        envsamp__octahedral_middle(s->image, x * s->side, y * s->side,
-                                   envsamp__min((x + 1) * s->side, s->image->width),
-                                   envsamp__min((y + 1) * s->side, s->image->height), dir);
-        return;
-    }
-    dir[0] = s->middle[2 * x] * sine;
-    dir[1] = s->middle[2 * x + 1] * sine;
-    dir[2] = cosine;
+    envsamp__table_dir(s->image, x, y, x + 1, y + 1, s->turn + 2 * x, s->polar[2 * y],
+                       s->polar[2 * y + 1], dir);
 }
 
 /* A row of squares; returns how many of its pixels are bad. */
@@ -7955,7 +7943,9 @@ static size_t envsamp__make_square_row(envsamp__squares *s, int row)
                     rgb[c] += sum[k * image->channels + c];
                 sr += columns[k];
             }
-            envsamp__square_dir(s, square, row, sine, cosine, dir);
+            envsamp__table_dir(image, square * s->side, y0,
+                               envsamp__min((square + 1) * s->side, image->width), y1,
+                               s->middle + 2 * square, sine, cosine, dir);
             envsamp__add_to_square(image, rgb, sr, dir, &s->at[row * s->across + square]);
         }
     }
@@ -8074,6 +8064,7 @@ static float envsamp__cone(double luminance, const double v[3])
  */
 
 #define ENVSAMP__SQUARES_MAX 256    /* each way */
+#define ENVSAMP__SUMS 6
 
 typedef struct envsamp__region {
     int x0, y0, x1, y1;             /* squares */
@@ -8084,11 +8075,12 @@ typedef struct envsamp__region {
 
 typedef struct envsamp__cuts {
     envsamp__squares squares;
-    double (*below)[4];             /* luminance, and times direction, above and left of a corner */
+    double *below;                  /* sums above and left of each corner: luminance, it times
+                                       direction; DECOMPOSED: solid angle, luminance^2 */
+    int sums;                       /* how many: 4 or ENVSAMP__SUMS */
     envsamp__region *regions;       /* a heap by key */
     int count, by_variance;
-    double (*squared)[2];           /* DECOMPOSED: as `below`, of solid angle and luminance^2 */
-    double weight[3];               /* of terms in a key */
+    double weight[3];               /* DECOMPOSED: of terms in a key */
 } envsamp__cuts;
 
 static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp_image *image,
@@ -8098,52 +8090,49 @@ static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp_image *image,
     ENVSAMP_MEMSET(cuts, 0, sizeof *cuts);
     cuts->by_variance = desc->method == ENVSAMP_LIGHTS_VARIANCE_CUT;
     envsamp__squares_carve(&cuts->squares, image, grain, ENVSAMP__SQUARES_MAX, arena);
-    cuts->below = (double (*)[4])envsamp__take(arena, ((uint64_t)cuts->squares.across + 1)
-                                               * ((uint64_t)cuts->squares.down + 1),
-                                               4 * sizeof(double));
+    cuts->sums = desc->method == ENVSAMP_LIGHTS_DECOMPOSED ? ENVSAMP__SUMS : 4;
+    cuts->below = (double *)envsamp__take(arena, ((uint64_t)cuts->squares.across + 1)
+                                          * ((uint64_t)cuts->squares.down + 1),
+                                          (size_t)cuts->sums * sizeof(double));
     cuts->regions = (envsamp__region *)envsamp__take(arena, (uint64_t)desc->count,
                                                      sizeof(envsamp__region));
-    if (desc->method != ENVSAMP_LIGHTS_DECOMPOSED)
-        return;
-    cuts->squared = (double (*)[2])envsamp__take(arena, ((uint64_t)cuts->squares.across + 1)
-                                                 * ((uint64_t)cuts->squares.down + 1),
-                                                 2 * sizeof(double));
 }
 
 static void envsamp__fill_below(envsamp__cuts *cuts)
 {
-    int width = cuts->squares.across, stride = width + 1, x, y, i;
+    int width = cuts->squares.across, sums = cuts->sums, stride = (width + 1) * sums, x, y, i;
+    double *at = cuts->below;
 
-    ENVSAMP_MEMSET(cuts->below, 0, (size_t)stride * sizeof *cuts->below);
+    for (i = 0; i < stride; i++)
+        *at++ = 0.0;
     for (y = 0; y < cuts->squares.down; y++) {
-        double row[4] = { 0.0, 0.0, 0.0, 0.0 };
-        double (*at)[4] = cuts->below + (size_t)(y + 1) * (size_t)stride;
+        double row[ENVSAMP__SUMS] = { 0.0 };
 
-        for (i = 0; i < 4; i++)
-            at[0][i] = 0.0;
+        for (i = 0; i < sums; i++)
+            *at++ = 0.0;
         for (x = 0; x < width; x++) {
             const envsamp__square *square = &cuts->squares.at[y * width + x];
 
             row[0] += square->luminance;
-            for (i = 1; i < 4; i++)
-                row[i] += square->v[i - 1];
-            for (i = 0; i < 4; i++)
-                at[x + 1][i] = at[x + 1 - stride][i] + row[i];
+            for (i = 0; i < 3; i++)
+                row[i + 1] += square->v[i];
+            row[4] += square->sr;
+            row[5] += square->sr > 0.0 ? square->luminance * square->luminance / square->sr : 0.0;
+            for (i = 0; i < sums; i++, at++)
+                *at = at[-stride] + row[i];
         }
     }
 }
 
-/* Luminance of a rectangle, and it times direction. */
+/* Sums of a rectangle. */
 static void envsamp__sum_below(const envsamp__cuts *cuts, int x0, int y0, int x1, int y1,
-                               double sum[4])
+                               double sum[ENVSAMP__SUMS])
 {
-    size_t stride = (size_t)cuts->squares.across + 1;
-    const double (*top)[4] = (const double (*)[4])cuts->below + (size_t)y0 * stride;
-    const double (*end)[4] = (const double (*)[4])cuts->below + (size_t)y1 * stride;
-    int i;
+    int sums = cuts->sums, stride = (cuts->squares.across + 1) * sums, i;
+    const double *top = cuts->below + y0 * stride, *end = cuts->below + y1 * stride;
 
-    for (i = 0; i < 4; i++)
-        sum[i] = end[x1][i] - end[x0][i] - top[x1][i] + top[x0][i];
+    for (i = 0; i < sums; i++)
+        sum[i] = end[x1 * sums + i] - end[x0 * sums + i] - top[x1 * sums + i] + top[x0 * sums + i];
 }
 
 static double envsamp__spread(const double sum[4])
@@ -8154,7 +8143,7 @@ static double envsamp__spread(const double sum[4])
 
 static double envsamp__region_key(const envsamp__cuts *cuts, const envsamp__region *r)
 {
-    double sum[4], key;
+    double sum[ENVSAMP__SUMS], key;
 
     envsamp__sum_below(cuts, r->x0, r->y0, r->x1, r->y1, sum);
     key = cuts->by_variance ? envsamp__spread(sum) + 1e-9 * sum[0] : sum[0];
@@ -8201,7 +8190,7 @@ static double envsamp__best_cut(const envsamp__cuts *cuts, const envsamp__region
                                 int *at)
 {
     int from = vertical ? r->x0 : r->y0, to = vertical ? r->x1 : r->y1, cut;
-    double whole[4], a[4], b[4], best = -1.0;
+    double whole[ENVSAMP__SUMS], a[ENVSAMP__SUMS], b[ENVSAMP__SUMS], best = -1.0;
 
     envsamp__sum_below(cuts, r->x0, r->y0, r->x1, r->y1, whole);
     for (cut = from + 1; cut < to; cut++) {
@@ -8280,26 +8269,23 @@ static void envsamp__region_lights(const envsamp__cuts *cuts, envsamp_light *lig
     }
 }
 
-static envsamp__region envsamp__whole_region(const envsamp__cuts *cuts)
+/* Begins with sums, and one region, the whole map. */
+static void envsamp__begin_cuts(envsamp__cuts *cuts)
 {
-    envsamp__region whole;
+    envsamp__region whole = { 0, 0, 0, 0, 1, 0.0, { 0.0 } };
 
-    ENVSAMP_MEMSET(&whole, 0, sizeof whole);
-    whole.copies = 1;
     whole.x1 = cuts->squares.across;
     whole.y1 = cuts->squares.down;
-    return whole;
+    envsamp__fill_below(cuts);
+    envsamp__add_region(cuts, &whole);
 }
 
 /* Cuts until there are so many lights. */
 static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *lights)
 {
-    envsamp__region whole = envsamp__whole_region(cuts);
     int made;
 
-    envsamp__fill_below(cuts);
-    whole.key = envsamp__region_key(cuts, &whole);
-    envsamp__add_region(cuts, &whole);
+    envsamp__begin_cuts(cuts);
     for (made = 1; made < count; made++)
         envsamp__cut_top(cuts);
     envsamp__region_lights(cuts, lights);
@@ -9432,40 +9418,13 @@ static int envsamp__make_directs(envsamp__decomposition *d, envsamp_light *light
 
 /* ---- EnvIndirects ---- */
 
-/* As envsamp__fill_below, solid angle and luminance^2. */
-static void envsamp__fill_squared(envsamp__cuts *cuts)
-{
-    int width = cuts->squares.across, stride = width + 1, x, y;
-
-    ENVSAMP_MEMSET(cuts->squared, 0, (size_t)stride * sizeof *cuts->squared);
-    for (y = 0; y < cuts->squares.down; y++) {
-        double row[2] = { 0.0, 0.0 };
-        double (*at)[2] = cuts->squared + (size_t)(y + 1) * (size_t)stride;
-
-        at[0][0] = at[0][1] = 0.0;
-        for (x = 0; x < width; x++) {
-            const envsamp__square *square = &cuts->squares.at[y * width + x];
-
-            row[0] += square->sr;
-            row[1] += square->sr > 0.0 ? square->luminance * square->luminance / square->sr : 0.0;
-            at[x + 1][0] = at[x + 1 - stride][0] + row[0];
-            at[x + 1][1] = at[x + 1 - stride][1] + row[1];
-        }
-    }
-}
-
 /* Standard deviation of luminance x solid angle, longer side and light of a region. */
 static void envsamp__find_terms(const envsamp__cuts *cuts, envsamp__region *r)
 {
-    size_t stride = (size_t)cuts->squares.across + 1;
-    const double (*top)[2] = (const double (*)[2])cuts->squared + (size_t)r->y0 * stride;
-    const double (*end)[2] = (const double (*)[2])cuts->squared + (size_t)r->y1 * stride;
-    double sr = end[r->x1][0] - end[r->x0][0] - top[r->x1][0] + top[r->x0][0];
-    double square = end[r->x1][1] - end[r->x0][1] - top[r->x1][1] + top[r->x0][1];
-    double sum[4];
+    double sum[ENVSAMP__SUMS], square;
 
     envsamp__sum_below(cuts, r->x0, r->y0, r->x1, r->y1, sum);
-    square = square * sr - sum[0] * sum[0];     /* (standard deviation x solid angle)^2 */
+    square = sum[5] * sum[4] - sum[0] * sum[0];     /* (standard deviation x solid angle)^2 */
     r->term[0] = ENVSAMP_SQRT(envsamp__max(square, 0.0));
     envsamp__is_region_wide(cuts, r, &r->term[1]);
     r->term[2] = envsamp__max(sum[0], 0.0);
@@ -9585,10 +9544,7 @@ static void envsamp__make_indirects(envsamp__decomposition *d, int count, envsam
     int due = 1;
 
     envsamp__make_squares(&cuts->squares);
-    envsamp__fill_below(cuts);
-    envsamp__fill_squared(cuts);
-    cuts->regions[0] = envsamp__whole_region(cuts);
-    cuts->count = 1;
+    envsamp__begin_cuts(cuts);
     envsamp__find_terms(cuts, cuts->regions);
     while (cuts->count < count) {
         if (cuts->count >= due) {
@@ -9692,26 +9648,24 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
     l->image = image;
     l->desc = desc;
     envsamp__image_grain(image, &l->grain, arena);
-    if (desc->method == ENVSAMP_LIGHTS_MEDIAN_CUT || desc->method == ENVSAMP_LIGHTS_VARIANCE_CUT) {
+    if (desc->method == ENVSAMP_LIGHTS_MEDIAN_CUT || desc->method == ENVSAMP_LIGHTS_VARIANCE_CUT
+        || desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
         envsamp__cuts_carve(&l->cuts, image, &l->grain, desc, arena);
-        return;
+    } else {
+        l->texels = (envsamp_texel *)envsamp__take(arena, (uint64_t)desc->count,
+                                                   sizeof(envsamp_texel));
+        l->halftone_desc.count = desc->count;
+        l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
+                                                                        : ENVSAMP_KERNEL_SZIRMAY;
+        l->halftone_desc.seed = desc->seed;
+        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, image->width, image->height,
+                                arena);
     }
-    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        envsamp__cuts_carve(&l->cuts, image, &l->grain, desc, arena);
+    if (desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
         envsamp__relaxation_carve(&l->relaxation, image, &l->grain, desc->count, arena);
+    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
         envsamp__decomposition_carve(&l->decomposition, &l->relaxation, &l->cuts, &l->grain, desc,
                                      arena);
-        return;
-    }
-    l->texels = (envsamp_texel *)envsamp__take(arena, (uint64_t)desc->count,
-                                               sizeof(envsamp_texel));
-    l->halftone_desc.count = desc->count;
-    l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM
-                            ? ENVSAMP_KERNEL_RANDOM : ENVSAMP_KERNEL_SZIRMAY;
-    l->halftone_desc.seed = desc->seed;
-    envsamp__halftone_carve(&l->halftone, &l->halftone_desc, image->width, image->height, arena);
-    if (desc->method == ENVSAMP_LIGHTS_RELAXED)
-        envsamp__relaxation_carve(&l->relaxation, image, &l->grain, desc->count, arena);
 }
 
 /* Integrals of the map, and how many of its pixels are bad. */
@@ -9737,14 +9691,6 @@ static void envsamp__survey_squares(envsamp__lights *l, envsamp__squares *square
     l->info.bad_pixel_count = envsamp__make_squares(squares);
     all = envsamp__sum_squares(squares, 0, 0, l->image->width, l->image->height);
     ENVSAMP_MEMCPY(l->info.integral, all.rgb, sizeof all.rgb);
-}
-
-static void envsamp__fill_row_sr(const envsamp_image *image, double *row_sr)
-{
-    int y;
-
-    for (y = 0; y < image->height; y++)
-        row_sr[y] = envsamp__image_row_sr(image, y);
 }
 
 static void envsamp__survey(envsamp__lights *l)
