@@ -1937,12 +1937,28 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 /* Hands out pieces of a buffer, or, without one, only counts their bytes. */
 typedef struct envsamp__arena { char *base; uint64_t used; } envsamp__arena;
 
+static uint64_t envsamp__place_wide(uint64_t *end, uint64_t count, size_t size)
+{
+    uint64_t at = *end;
+
+    *end += (count * size + ENVSAMP__GRANULE - 1) / ENVSAMP__GRANULE * ENVSAMP__GRANULE;
+    return at;
+}
+
 static void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
 {
-    char *piece = arena->base ? arena->base + arena->used : NULL;
+    uint64_t at = envsamp__place_wide(&arena->used, count, size);
 
-    arena->used += (count * size + ENVSAMP__GRANULE - 1) / ENVSAMP__GRANULE * ENVSAMP__GRANULE;
-    return piece;
+    return arena->base ? arena->base + at : NULL;
+}
+
+/* Sets sizes to 0, and checks the image that they are asked for. */
+static envsamp_result envsamp__begin_sizes(const envsamp_image *image, envsamp_sizes *sizes)
+{
+    if (!sizes)
+        return ENVSAMP_ERR_NULL;
+    sizes->table_bytes = sizes->scratch_bytes = 0;
+    return image ? envsamp__image_check(image) : ENVSAMP_ERR_NULL;
 }
 
 /* Bytes of two buffers. No object is larger than half of what a size_t counts to: where that has 32
@@ -2516,11 +2532,9 @@ static inline void envsamp__sum_runs(envsamp__run *total, const envsamp__run *ru
 
 static envsamp__rect envsamp__whole_map(const envsamp__map *map)
 {
-    envsamp__rect all;
+    double at = map->offset;
+    envsamp__rect all = { at, at, (double)map->image_width + at, (double)map->image_height + at };
 
-    all.x0 = all.y0 = map->offset;
-    all.x1 = (double)map->image_width + map->offset;
-    all.y1 = (double)map->image_height + map->offset;
     return all;
 }
 
@@ -2957,12 +2971,9 @@ static envsamp__window envsamp__parts(const envsamp__map *map, int k, int x, int
 {
     const envsamp__level *below = &map->levels[k - 1];
     int shift = map->levels[k].shift - below->shift;
-    envsamp__window w;
+    envsamp__window w = { x << shift, y << shift, envsamp__min((x + 1) << shift, below->width),
+                          envsamp__min((y + 1) << shift, below->height) };
 
-    w.x0 = x << shift;
-    w.y0 = y << shift;
-    w.x1 = envsamp__min((x + 1) << shift, below->width);
-    w.y1 = envsamp__min((y + 1) << shift, below->height);
     return w;
 }
 
@@ -3090,13 +3101,10 @@ static void envsamp__bin_weights(const envsamp__map *map, int k, const envsamp__
 /* The cells of level k that a rectangle touches. */
 static envsamp__window envsamp__touched(const envsamp__map *map, int k, const envsamp__rect *rect)
 {
-    int shift = map->levels[k].shift;
-    envsamp__window w;
+    int shift = map->levels[k].shift, x0 = (int)rect->x0 >> shift, y0 = (int)rect->y0 >> shift;
+    envsamp__window w = { x0, y0, x0 + envsamp__cell_count(rect->x0, rect->x1, shift),
+                          y0 + envsamp__cell_count(rect->y0, rect->y1, shift) };
 
-    w.x0 = (int)rect->x0 >> shift;
-    w.y0 = (int)rect->y0 >> shift;
-    w.x1 = w.x0 + envsamp__cell_count(rect->x0, rect->x1, shift);
-    w.y1 = w.y0 + envsamp__cell_count(rect->y0, rect->y1, shift);
     return w;
 }
 
@@ -3106,16 +3114,11 @@ static envsamp__window envsamp__block_profile(envsamp__tree *tree, int k, const 
     const envsamp__map *map = tree->map;
     const envsamp__level *level = &map->levels[k];
     envsamp__window w = envsamp__touched(map, k, &b->rect);
-    double sum = b->whole.sum, sr = envsamp__block_sr(b);
-    envsamp__bins bins;
+    double sum = b->whole.sum, square = envsamp__max(b->whole.square,
+                                                     sum * sum / envsamp__block_sr(b));
+    envsamp__bins bins = { tree->columns, tree->rows, w.x0, w.y0, level->shift, level->shift,
+                           ENVSAMP__EVEN * sum, ENVSAMP__EVEN * square };
 
-    bins.columns = tree->columns;
-    bins.rows = tree->rows;
-    bins.x0 = w.x0;
-    bins.y0 = w.y0;
-    bins.shift_x = bins.shift_y = level->shift;
-    bins.least_sum = ENVSAMP__EVEN * sum;
-    bins.least_square = ENVSAMP__EVEN * envsamp__max(b->whole.square, sum * sum / sr);
     envsamp__bin_weights(map, k, &b->rect, &w, &bins);
     envsamp__profile_clear(tree->columns, w.x1 - w.x0);
     if (k == 0) {
@@ -3612,12 +3615,9 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
     envsamp__rect r = *rect;
     double *low = axis ? &r.y0 : &r.x0, *high = axis ? &r.y1 : &r.x1;
     envsamp__crossing c = { 0.0, 0.0, 0.0, 0.0, 0 };
-    envsamp__bins bins;
+    envsamp__bins bins = { tree->columns, tree->rows, 0, 0, 0, 0, ENVSAMP__EVEN_MEDIAN * light,
+                           DBL_MAX };
 
-    bins.columns = tree->columns;
-    bins.rows = tree->rows;
-    bins.least_sum = ENVSAMP__EVEN_MEDIAN * light;
-    bins.least_square = DBL_MAX;
     for (;;) {
         envsamp__window w = envsamp__touched(map, 0, &r);
         int k = 0, count = axis ? w.y1 - w.y0 : w.x1 - w.x0, shift, i;
@@ -3807,7 +3807,7 @@ static void envsamp__exact_moments(envsamp__tree *tree, int i)
     envsamp__block *b = &tree->blocks[i];
     int k = envsamp__block_level(map, &b->rect);
     envsamp__window w = envsamp__touched(map, k, &b->rect);
-    envsamp__bins bins;
+    envsamp__bins bins = { tree->columns, tree->rows, 0, 0, 16, 16, 0.0, 0.0 };     /* one bin */
 
     if (i + 4 < tree->block_count) {
         envsamp__window next = envsamp__touched(map, 0, &tree->blocks[i + 4].rect);
@@ -3820,10 +3820,6 @@ static void envsamp__exact_moments(envsamp__tree *tree, int i)
         b->whole = envsamp__cell_moments(map, &b->rect);
         return;
     }
-    ENVSAMP_MEMSET(&bins, 0, sizeof bins);
-    bins.columns = tree->columns;
-    bins.rows = tree->rows;
-    bins.shift_x = bins.shift_y = 16;           /* all in one bin */
     envsamp__profile_clear(tree->columns, 1);
     envsamp__profile_clear(tree->rows, 1);
     envsamp__add_rect(map, k, &w, &b->rect, &bins);
@@ -4599,13 +4595,10 @@ static void envsamp__find_tile(envsamp__warp_writer *w, uint32_t i, uint32_t j,
                                envsamp__node *crown, uint32_t *root, envsamp__part *tile)
 {
     const envsamp__tree *tree = w->tree;
-    uint32_t bits[2], at[2], link = tree->block_count == 1 ? ENVSAMP__LEAF : 0;
+    uint32_t bits[2] = { w->kd->tile_bits_x, w->kd->tile_bits_y };
+    uint32_t at[2] = { i, j }, link = tree->block_count == 1 ? ENVSAMP__LEAF : 0;
     int level;
 
-    bits[0] = w->kd->tile_bits_x;
-    bits[1] = w->kd->tile_bits_y;
-    at[0] = i;
-    at[1] = j;
     tile->node_link = root;
     tile->low[0] = tile->low[1] = 0;
     tile->high[0] = 1u << (24 - bits[0]);
@@ -5066,21 +5059,15 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     }
 }
 
-static envsamp_result envsamp__kd_check(const envsamp_image *image, const envsamp_kd_desc *desc)
+static int envsamp__kd_desc_valid(const envsamp_kd_desc *desc)
 {
-    envsamp_result result = envsamp__image_check(image);
-
-    if (result != ENVSAMP_OK)
-        return result;
-    if (desc->block_count < 1 || desc->block_count > 1048576
-        || (uint32_t)desc->select > ENVSAMP_KD_FIT
-        || (uint32_t)desc->criterion > ENVSAMP_KD_RANGE
-        || (uint32_t)desc->model > ENVSAMP_KD_POWER
-        || (uint32_t)desc->objective > ENVSAMP_KD_CHI2
-        || !envsamp__in_range(desc->mis_compensation, 0.0f, 1.0f) || desc->facing
-        || !envsamp__is_zero(desc->excess_target) || !envsamp__is_zero(desc->importance_exponent))
-        return ENVSAMP_ERR_PARAM;
-    return ENVSAMP_OK;
+    return desc->block_count >= 1 && desc->block_count <= 1048576
+        && (uint32_t)desc->select <= ENVSAMP_KD_FIT
+        && (uint32_t)desc->criterion <= ENVSAMP_KD_RANGE
+        && (uint32_t)desc->model <= ENVSAMP_KD_POWER
+        && (uint32_t)desc->objective <= ENVSAMP_KD_CHI2
+        && envsamp__in_range(desc->mis_compensation, 0.0f, 1.0f) && !desc->facing
+        && envsamp__is_zero(desc->excess_target) && envsamp__is_zero(desc->importance_exponent);
 }
 
 static void envsamp__choose_alias(envsamp_kd_job *job)
@@ -5104,17 +5091,12 @@ static void envsamp__choose_fit(envsamp_kd_job *job)
 {
     const envsamp__tree *tree = &job->tree;
     envsamp_kd *kd = job->kd;
-    envsamp__fit fit;
+    envsamp__fit fit = { job->desc.model, job->desc.objective, 0, job->target, job->weight,
+                         job->lm_scratch };
     envsamp__fit_point best;
     double *key = job->probability, total = 0.0, gamma, low, error;
     int chi2 = job->desc.objective == ENVSAMP_KD_CHI2, i;
 
-    fit.model = job->desc.model;
-    fit.objective = job->desc.objective;
-    fit.count = 0;
-    fit.target = job->target;
-    fit.weight = job->weight;
-    fit.lm_scratch = job->lm_scratch;
     for (i = 0; i < tree->block_count; i++) {
         const envsamp__block *b = &tree->blocks[i];
 
@@ -5284,17 +5266,13 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     envsamp_kd_desc filled = envsamp__kd_filled(desc);
     envsamp__arena arena = { NULL, 0 };
     envsamp_kd_job job;
-    envsamp_result result;
     envsamp_kd layout;
+    envsamp_result result = envsamp__begin_sizes(image, sizes);
 
-    if (!sizes)
-        return ENVSAMP_ERR_NULL;
-    sizes->table_bytes = sizes->scratch_bytes = 0;
-    if (!image)
-        return ENVSAMP_ERR_NULL;
-    result = envsamp__kd_check(image, &filled);
     if (result != ENVSAMP_OK)
         return result;
+    if (!envsamp__kd_desc_valid(&filled))
+        return ENVSAMP_ERR_PARAM;
     envsamp__kd_carve(&job, image, &filled, &arena);
     envsamp__kd_head(&layout, image, &filled);
     layout.block_count = (uint32_t)job.block_limit;
@@ -5464,18 +5442,17 @@ ENVSAMP_DEF envsamp_result envsamp_kd_step(envsamp_kd_job *job, int count, int *
 
 ENVSAMP_DEF envsamp_result envsamp_kd_finish(envsamp_kd_job *job, const envsamp_kd **kd)
 {
+    envsamp_result result = ENVSAMP_OK;
     int done = 0;
 
     if (!kd)
         return ENVSAMP_ERR_NULL;
     *kd = NULL;
-    if (!job)
-        return ENVSAMP_ERR_NULL;
-    while (!done)
-        envsamp_kd_step(job, INT_MAX, &done);
-    if (job->result == ENVSAMP_OK)
+    while (result == ENVSAMP_OK && !done)
+        result = envsamp_kd_step(job, INT_MAX, &done);
+    if (result == ENVSAMP_OK)
         *kd = job->kd;
-    return job->result;
+    return result;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
@@ -6206,17 +6183,13 @@ ENVSAMP__HOT const envsamp__cdf_row *envsamp__cdf_rows(const envsamp_cdf *cdf)
 {
     return (const envsamp__cdf_row *)(const void *)((const char *)cdf + cdf->rows_at);
 }
-ENVSAMP__HOT const uint32_t *envsamp__cdf_words(const envsamp_cdf *cdf, uint64_t at)
-{
-    return (const uint32_t *)(const void *)((const char *)cdf + at);
-}
 ENVSAMP__HOT const uint16_t *envsamp__cdf_halves(const envsamp_cdf *cdf, uint64_t at)
 {
     return (const uint16_t *)(const void *)((const char *)cdf + at);
 }
 ENVSAMP__HOT const uint32_t *envsamp__cdf_edges(const envsamp_cdf *cdf, uint32_t row)
 {
-    return envsamp__cdf_words(cdf, cdf->edges_at)
+    return ENVSAMP__ARRAY(uint32_t, cdf, edges)
          + (size_t)row * ((size_t)cdf->width + ENVSAMP__WALK);
 }
 ENVSAMP__HOT const uint16_t *envsamp__cdf_guide(const envsamp_cdf *cdf, uint32_t row)
@@ -6228,14 +6201,6 @@ ENVSAMP__HOT const uint16_t *envsamp__cdf_guide(const envsamp_cdf *cdf, uint32_t
 ENVSAMP__MATH float envsamp__cdf_row_edge(const envsamp__cdf_row *row)
 {
     return row->north <= row->south ? row->north : envsamp__with_sign(row->south, 1);
-}
-
-static uint64_t envsamp__place_wide(uint64_t *end, uint64_t count, uint32_t size)
-{
-    uint64_t at = *end;
-
-    *end += (count * size + ENVSAMP__GRANULE - 1) / ENVSAMP__GRANULE * ENVSAMP__GRANULE;
-    return at;
 }
 
 /* Puts the arrays in their places, and sets whatever else follows from width and height. */
@@ -6346,15 +6311,10 @@ static void envsamp__cdf_carve(envsamp_cdf_job *job, const envsamp_image *image,
 /* Arrays end where the next one begins, but for a gap: nothing in a table is left to chance. */
 static void envsamp__cdf_clear_gaps(envsamp_cdf *cdf)
 {
-    uint64_t ends[6];
+    const uint64_t ends[] = { cdf->row_edges_at, cdf->row_guide_at, cdf->polar_guide_at,
+                              cdf->guide_at, cdf->edges_at, cdf->bytes };
     int i;
 
-    ends[0] = cdf->row_edges_at;
-    ends[1] = cdf->row_guide_at;
-    ends[2] = cdf->polar_guide_at;
-    ends[3] = cdf->guide_at;
-    ends[4] = cdf->edges_at;
-    ends[5] = cdf->bytes;
     for (i = 0; i < 6; i++)
         ENVSAMP_MEMSET((char *)cdf + ends[i] - ENVSAMP__GRANULE, 0, ENVSAMP__GRANULE);
 }
@@ -6574,15 +6534,9 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
     envsamp__arena arena = { NULL, 0 };
     envsamp_cdf_job job;
     envsamp_cdf layout;
-    envsamp_result result;
+    envsamp_result result = envsamp__begin_sizes(image, sizes);
 
-    if (!sizes)
-        return ENVSAMP_ERR_NULL;
-    sizes->table_bytes = sizes->scratch_bytes = 0;
-    if (!image)
-        return ENVSAMP_ERR_NULL;
     desc = desc ? desc : &defaults;
-    result = envsamp__image_check(image);
     if (result != ENVSAMP_OK)
         return result;
     if (!envsamp__in_range(desc->mis_compensation, 0.0f, 1.0f)
@@ -6658,18 +6612,17 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_step(envsamp_cdf_job *job, int count, int
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_finish(envsamp_cdf_job *job, const envsamp_cdf **cdf)
 {
+    envsamp_result result = ENVSAMP_OK;
     int done = 0;
 
     if (!cdf)
         return ENVSAMP_ERR_NULL;
     *cdf = NULL;
-    if (!job)
-        return ENVSAMP_ERR_NULL;
-    while (!done)
-        envsamp_cdf_step(job, INT_MAX, &done);
-    if (job->result == ENVSAMP_OK)
+    while (result == ENVSAMP_OK && !done)
+        result = envsamp_cdf_step(job, INT_MAX, &done);
+    if (result == ENVSAMP_OK)
         *cdf = job->cdf;
-    return job->result;
+    return result;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
@@ -6729,7 +6682,7 @@ static int envsamp__cdf_edges_valid(const uint32_t *edges, uint32_t count, const
 static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
 {
     const envsamp__cdf_row *rows = envsamp__cdf_rows(cdf);
-    const uint32_t *edges = envsamp__cdf_words(cdf, cdf->row_edges_at);
+    const uint32_t *edges = ENVSAMP__ARRAY(uint32_t, cdf, row_edges);
     const uint16_t *guide = envsamp__cdf_halves(cdf, cdf->polar_guide_at);
     uint32_t y, cell;
 
@@ -6744,17 +6697,14 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
             return 0;
     }
     for (y = 0; y < cdf->height; y++) {
-        envsamp__edges row = { 0.0f, 1.0f, 0.0f, 0.0f };
-        double sr, density;
+        const envsamp__edges row = { 0.0f, 1.0f, envsamp__cdf_row_edge(rows + y),
+                                     envsamp__cdf_row_edge(rows + y + 1) };
+        double sr = envsamp__edges_sr(cdf->mapping, &row) / (double)cdf->image_width;
+        double density = envsamp__cdf_row_density(edges + y, sr);
 
-        row.y0 = envsamp__cdf_row_edge(rows + y);
-        row.y1 = envsamp__cdf_row_edge(rows + y + 1);
-        sr = envsamp__edges_sr(cdf->mapping, &row) / (double)cdf->image_width;
         if (!(sr > 0.0) || !(rows[y].polar < rows[y + 1].polar)
-            || !envsamp__in_range(rows[y].density, 0.0f, FLT_MAX))
-            return 0;
-        density = envsamp__cdf_row_density(edges + y, sr);
-        if (!(ENVSAMP__FABS((double)rows[y].density - density) <= 0.01 * density))
+            || !envsamp__in_range(rows[y].density, 0.0f, FLT_MAX)
+            || !(ENVSAMP__FABS((double)rows[y].density - density) <= 0.01 * density))
             return 0;                                       /* edges of low rows are rounded */
     }
     for (cell = y = 0; cell < 1u << cdf->polar_bits; cell++) {
@@ -6781,7 +6731,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
         return ENVSAMP_ERR_ALIGN;
     if (!envsamp__cdf_header_valid(header, bytes)
         || header->checksum != envsamp__cdf_checksum(header)
-        || !envsamp__cdf_edges_valid(envsamp__cdf_words(header, header->row_edges_at),
+        || !envsamp__cdf_edges_valid(ENVSAMP__ARRAY(uint32_t, header, row_edges),
                                      header->height,
                                      envsamp__cdf_halves(header, header->row_guide_at),
                                      header->row_bits)
@@ -6842,7 +6792,7 @@ ENVSAMP__HOT uint32_t envsamp__cdf_find(const uint32_t *edges, uint32_t count,
 
 ENVSAMP__HOT uint32_t envsamp__cdf_find_row(const envsamp_cdf *cdf, uint32_t draw)
 {
-    return envsamp__cdf_find(envsamp__cdf_words(cdf, cdf->row_edges_at), cdf->height,
+    return envsamp__cdf_find(ENVSAMP__ARRAY(uint32_t, cdf, row_edges), cdf->height,
                              envsamp__cdf_halves(cdf, cdf->row_guide_at), cdf->row_bits, draw);
 }
 
@@ -6884,7 +6834,7 @@ ENVSAMP__HOT envsamp__texel envsamp__cdf_texel(const envsamp_cdf *cdf, uint32_t 
     t.row = row;
     t.column = column;
     t.fx = envsamp__cdf_fraction(edge, across);
-    t.fy = envsamp__cdf_fraction(envsamp__cdf_words(cdf, cdf->row_edges_at) + row, down);
+    t.fy = envsamp__cdf_fraction(ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + row, down);
     t.pdf = envsamp__cdf_parts_pdf(cdf, row, column, edge[1] - edge[0]);
     return t;
 }
@@ -6988,7 +6938,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
     e = envsamp__exact_place(cdf->mapping, dir);
     row = envsamp__cdf_rows(cdf) + at.row;
     edge = envsamp__cdf_edges(cdf, at.row) + at.column;
-    row_edge = envsamp__cdf_words(cdf, cdf->row_edges_at) + at.row;
+    row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row;
     x0 = envsamp__max((double)at.column - (double)cdf->offset, 0.0);
     x1 = (double)at.column + 1.0 - (double)cdf->offset;
     x1 = x1 < (double)cdf->image_width ? x1 : (double)cdf->image_width;
@@ -9842,15 +9792,9 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
     envsamp_lights_desc filled = envsamp__lights_filled(desc);
     envsamp__arena arena = { NULL, 0 };
     envsamp__lights l;
-    envsamp_result result;
+    envsamp_result result = envsamp__begin_sizes(image, sizes);
 
-    if (!sizes)
-        return ENVSAMP_ERR_NULL;
-    sizes->table_bytes = sizes->scratch_bytes = 0;
-    if (!image)
-        return ENVSAMP_ERR_NULL;
     desc = &filled;
-    result = envsamp__image_check(image);
     if (result != ENVSAMP_OK)
         return result;
     if (desc->count < 1 || desc->count > 65536

@@ -458,7 +458,7 @@ static inline envsamp_sample guided_draw(const envsamp_cdf *cdf, float u0, float
 static envsamp_sample searched_draw(const envsamp_cdf *cdf, float u0, float u1)
 {
     uint32_t across = envsamp__draw(u0), down = envsamp__draw(u1);
-    const uint32_t *rows = envsamp__cdf_words(cdf, cdf->row_edges_at), *edges;
+    const uint32_t *rows = ENVSAMP__ARRAY(uint32_t, cdf, row_edges), *edges;
     envsamp__texel t;
     envsamp__point p;
     envsamp_sample s;

@@ -187,7 +187,7 @@ int inside_alias_block(const envsamp_kd *kd, float u0, float u1)
 
 const uint32_t *inside_row_edges(const envsamp_cdf *cdf)
 {
-    return envsamp__cdf_words(cdf, cdf->row_edges_at);
+    return ENVSAMP__ARRAY(uint32_t, cdf, row_edges);
 }
 
 const uint32_t *inside_edges(const envsamp_cdf *cdf, uint32_t row)
