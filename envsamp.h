@@ -2005,13 +2005,11 @@ static inline uint32_t envsamp__luminance_chunk(const float *from, int channels,
                      + 0.7152f * from[channels * x + 1] + 0.0722f * from[channels * x + 2];
     for (x = 0; x < count; x++)
         top |= envsamp__float_bits(luminance[x]) + 0x00800000u;
-    for (x = 0; x < (channels == 3 ? 3 * count : 0); x++)
+    for (x = 0; x < (channels == 4 ? 0 : channels * count); x++)
         top |= envsamp__float_bits(from[x]);
     for (x = 0; x < (channels == 4 ? count : 0); x++)
         top |= envsamp__float_bits(from[4 * x]) | envsamp__float_bits(from[4 * x + 1])
              | envsamp__float_bits(from[4 * x + 2]);
-    for (x = 0; x < (channels == 1 ? count : 0); x++)
-        top |= envsamp__float_bits(from[x]);
     return top;
 }
 
@@ -2517,17 +2515,18 @@ static inline void envsamp__add_run(const envsamp__run *run, int from, int to,
 
 /* ---- the pyramid ---- */
 
-/* Adds the cells of one run to those of another. */
-static inline void envsamp__sum_runs(envsamp__run *total, const envsamp__run *run, int count)
+/* Adds the cells of a run to the sums of their columns. */
+static inline void envsamp__add_columns(const envsamp__run *run, int count, double *sum,
+                                           double *square, float *peak)
 {
     int x;
 
     for (x = 0; x < count; x++) {
-        total->sum[x] += run->sum[x];
-        total->square[x] += run->square[x];
+        sum[x] += run->sum[x];
+        square[x] += run->square[x];
     }
     for (x = 0; x < count; x++)
-        total->peak[x] = run->peak[x] > total->peak[x] ? run->peak[x] : total->peak[x];
+        peak[x] = run->peak[x] > peak[x] ? run->peak[x] : peak[x];
 }
 
 static envsamp__rect envsamp__whole_map(const envsamp__map *map)
@@ -2563,9 +2562,9 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
         for (y = cell_y * 4 + 1; y < end; y++) {
             envsamp__row_run(map, envsamp__line(map, y), &map->rows[y], &all, x0, count, run);
             if (count == ENVSAMP__CHUNK)
-                envsamp__sum_runs(total, run, ENVSAMP__CHUNK);
+                envsamp__add_columns(run, ENVSAMP__CHUNK, total->sum, total->square, total->peak);
             else
-                envsamp__sum_runs(total, run, count);
+                envsamp__add_columns(run, count, total->sum, total->square, total->peak);
         }
         for (x = 0; x < count; x += 4, cell++) {
             envsamp__moments m = { 0.0, 0.0, 0.0f };
@@ -2889,7 +2888,7 @@ static void envsamp__profile_cells(const envsamp__map *map, const envsamp__rect 
                                    const envsamp__window *w, envsamp__profile *c,
                                    envsamp__profile *r)
 {
-    int x0, x, y;
+    int x0, y;
 
     for (y = w->y0; y < w->y1; y++) {
         envsamp__row_part part = envsamp__row_within(map, y, rect);
@@ -2901,12 +2900,7 @@ static void envsamp__profile_cells(const envsamp__map *map, const envsamp__rect 
 
             envsamp__row_run(map, envsamp__line(map, y), &part, rect, x0, count, run);
             envsamp__add_run(run, 0, count, &row);
-            for (x = 0; x < count; x++) {
-                c->sum[at + x] += run->sum[x];
-                c->square[at + x] += run->square[x];
-            }
-            for (x = 0; x < count; x++)
-                c->peak[at + x] = run->peak[x] > c->peak[at + x] ? run->peak[x] : c->peak[at + x];
+            envsamp__add_columns(run, count, c->sum + at, c->square + at, c->peak + at);
         }
         r->sum[y - w->y0] = row.sum;
         r->square[y - w->y0] = row.square;
@@ -3263,12 +3257,8 @@ static envsamp__window envsamp__fine_profile(envsamp__tree *tree, int bits,
         tree->rows->square[j - w.y0] = row.square;
         tree->rows->peak[j - w.y0] = row.peak;
         tree->rows->weight[j - w.y0] = part.sr;
-        for (i = 0; i < w.x1 - w.x0; i++) {
-            tree->columns->sum[i] += run->sum[i];
-            tree->columns->square[i] += run->square[i];
-            if (run->peak[i] > tree->columns->peak[i])
-                tree->columns->peak[i] = run->peak[i];
-        }
+        envsamp__add_columns(run, w.x1 - w.x0, tree->columns->sum, tree->columns->square,
+                             tree->columns->peak);
     }
     return w;
 }
@@ -3932,13 +3922,13 @@ static void envsamp__fit_residuals(const double *param, double *residual, void *
         residual[0] = DBL_MAX;      /* its square is infinite: the solver turns back */
 }
 
-static void envsamp__fit_keep(envsamp__fit_point *best, double cost, const double *param)
+/* Finds the cost of a point, and keeps that if it is the best. */
+static void envsamp__fit_try(const envsamp__fit *fit, envsamp__fit_point *point,
+                             envsamp__fit_point *best)
 {
-    if (cost < best->cost) {
-        best->cost = cost;
-        best->param[0] = param[0];
-        best->param[1] = param[1];
-    }
+    point->cost = envsamp__fit_cost(fit, point->param, NULL);
+    if (point->cost < best->cost)
+        *best = *point;
 }
 
 /* Levenberg-Marquardt from a point. CHI2 is a sum of squares as it stands. L1 becomes one by
@@ -3947,22 +3937,20 @@ static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
 {
     envsamp_lm_desc desc = { 1, 0, 30, 1e-10, 1e-10, 1e-10 };
     int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3, pass, k;
-    double param[2];
+    envsamp__fit_point next = *point;
 
-    param[0] = point->param[0];
-    param[1] = point->param[1];
     desc.param_count = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
     desc.residual_count = envsamp__max_int(fit->count, desc.param_count);
     for (pass = 0; pass < rounds; pass++) {
         if (fit->objective == ENVSAMP_KD_L1) {
             for (k = 0; k < fit->count; k++)
                 fit->weight[k] = 1.0;
-            envsamp__fit_cost(fit, param, fit->weight);
+            envsamp__fit_cost(fit, next.param, fit->weight);
             for (k = 0; k < fit->count; k++)
                 fit->weight[k] = 1.0 / ENVSAMP_SQRT(ENVSAMP__FABS(fit->weight[k]) + 1e-9);
         }
-        envsamp_lm(&desc, envsamp__fit_residuals, fit, param, fit->lm_scratch, NULL);
-        envsamp__fit_keep(point, envsamp__fit_cost(fit, param, NULL), param);
+        envsamp_lm(&desc, envsamp__fit_residuals, fit, next.param, fit->lm_scratch, NULL);
+        envsamp__fit_try(fit, &next, point);
     }
 }
 
@@ -3971,26 +3959,21 @@ static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
 static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best, double reach)
 {
     const double golden = 0.61803398874989484820;
-    double low = best->param[0] - reach, high = best->param[0] + reach, at[2], cost[2], param[2];
+    double low = best->param[0] - reach, high = best->param[0] + reach;
+    envsamp__fit_point at[2] = { *best, *best };
     int i, side;
 
-    at[0] = high - golden * (high - low);
-    at[1] = low + golden * (high - low);
-    param[1] = best->param[1];
     for (i = -2; i < 30; i++) {
-        side = i < 0 ? i + 2 : cost[1] < cost[0];
+        side = i < 0 ? i + 2 : at[1].cost < at[0].cost;
         if (i >= 0) {               /* keep the better point, and probe its wider side */
             if (side)
-                low = at[0];
+                low = at[0].param[0];
             else
-                high = at[1];
+                high = at[1].param[0];
             at[1 - side] = at[side];
-            cost[1 - side] = cost[side];
-            at[side] = side ? low + golden * (high - low) : high - golden * (high - low);
         }
-        param[0] = at[side];
-        cost[side] = envsamp__fit_cost(fit, param, NULL);
-        envsamp__fit_keep(best, cost[side], param);
+        at[side].param[0] = side ? low + golden * (high - low) : high - golden * (high - low);
+        envsamp__fit_try(fit, &at[side], best);
     }
 }
 
@@ -3999,7 +3982,7 @@ static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best,
 static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best)
 {
     double step = 0.5;
-    int i, better;
+    int i;
 
     for (i = 0; i < 40 && (step > 1e-3 || step < -1e-3); i++) {
         envsamp__fit_point probe = *best;
@@ -4009,9 +3992,12 @@ static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best
         if (probe.param[1] > 0.1 && best->param[1] > 0.1)
             probe.param[0] += envsamp__log2(probe.param[1] / best->param[1]);
         envsamp__fit_line(fit, &probe, 1.0);
-        better = probe.cost < best->cost;
-        envsamp__fit_keep(best, probe.cost, probe.param);
-        step *= better ? 1.5 : step > 0.0 ? -1.0 : -0.4;   /* the other way, then a shorter one */
+        if (probe.cost < best->cost) {
+            *best = probe;
+            step *= 1.5;
+        } else {
+            step *= step > 0.0 ? -1.0 : -0.4;   /* the other way, then a shorter one */
+        }
     }
 }
 
@@ -4019,27 +4005,22 @@ static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best
 static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
                               envsamp__fit_point *starts)
 {
-    double last = DBL_MAX, before = DBL_MAX, param[2];
-    int i, k, more = 1;
+    double before = DBL_MAX;
+    envsamp__fit_point last = { DBL_MAX, { 0.0, 0.0 } }, next = { 0.0, { 0.0, 0.0 } };
+    int i, k;
 
-    param[1] = beta;
-    for (i = 0; more; i++) {
-        double cost;
-
-        param[0] = ENVSAMP__LOG2_ALPHA_MIN + step * (double)i;
-        cost = envsamp__fit_cost(fit, param, NULL);
-        more = cost < DBL_MAX;
-        param[0] -= step;
-        if (i > 0 && last <= before && last <= cost
-            && last < starts[ENVSAMP__FIT_STARTS - 1].cost) {
-            for (k = ENVSAMP__FIT_STARTS - 1; k > 0 && starts[k - 1].cost > last; k--)
+    next.param[1] = beta;
+    for (i = 0; next.cost < DBL_MAX; i++) {
+        next.param[0] = ENVSAMP__LOG2_ALPHA_MIN + step * (double)i;
+        next.cost = envsamp__fit_cost(fit, next.param, NULL);
+        if (i > 0 && last.cost <= before && last.cost <= next.cost
+            && last.cost < starts[ENVSAMP__FIT_STARTS - 1].cost) {
+            for (k = ENVSAMP__FIT_STARTS - 1; k > 0 && starts[k - 1].cost > last.cost; k--)
                 starts[k] = starts[k - 1];
-            starts[k].cost = last;
-            starts[k].param[0] = param[0];
-            starts[k].param[1] = beta;
+            starts[k] = last;
         }
-        before = last;
-        last = cost;
+        before = last.cost;
+        last = next;
     }
 }
 
@@ -4064,7 +4045,8 @@ static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
         envsamp__fit_polish(fit, &starts[i]);
         if (fit->objective == ENVSAMP_KD_L1)
             envsamp__fit_line(fit, &starts[i], step);
-        envsamp__fit_keep(&best, starts[i].cost, starts[i].param);
+        if (starts[i].cost < best.cost)
+            best = starts[i];
     }
     if (fit->model == ENVSAMP_KD_POWER)
         envsamp__fit_climb(fit, &best);
@@ -7159,16 +7141,28 @@ static double envsamp__luminance(const double *rgb, int channels)
     return channels == 1 ? rgb[0] : 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
 }
 
+/* Adds pixels one by one; returns how many are bad. */
+static size_t envsamp__add_pixels(const float *from, int channels, int count, double rgb[3])
+{
+    size_t bad = 0;
+    int x, c;
+
+    for (x = 0; x < count; x++, from += channels) {
+        float mended[3];
+
+        bad += (size_t)envsamp__mend_pixel(from, channels, mended);
+        for (c = 0; c < 3; c++)
+            rgb[c] += (double)mended[c];
+    }
+    return bad;
+}
+
 /* Luminance of a pixel, which in double cannot overflow. */
 static double envsamp__pixel_luminance(const float *from, int channels)
 {
-    double rgb[3];
-    float mended[3];
-    int c;
+    double rgb[3] = { 0.0, 0.0, 0.0 };
 
-    envsamp__mend_pixel(from, channels, mended);
-    for (c = 0; c < 3; c++)
-        rgb[c] = (double)mended[c];
+    envsamp__add_pixels(from, channels, 1, rgb);
     return envsamp__luminance(rgb, channels);
 }
 
@@ -7201,22 +7195,6 @@ static int envsamp__add_chunk(const float *from, int channels, double weight, do
         return envsamp__add_floats(from, 1, weight, sum);
     return channels == 3 ? envsamp__add_floats(from, 3, weight, sum)
                          : envsamp__add_floats(from, 4, weight, sum);
-}
-
-/* Adds pixels one by one; returns how many are bad. */
-static size_t envsamp__add_pixels(const float *from, int channels, int count, double rgb[3])
-{
-    size_t bad = 0;
-    int x, c;
-
-    for (x = 0; x < count; x++, from += channels) {
-        float mended[3];
-
-        bad += (size_t)envsamp__mend_pixel(from, channels, mended);
-        for (c = 0; c < 3; c++)
-            rgb[c] += (double)mended[c];
-    }
-    return bad;
 }
 
 /* Sums of a row in red, green and blue; returns how many of its pixels are bad. */
@@ -7927,13 +7905,12 @@ static size_t envsamp__make_squares(envsamp__squares *s)
 static void envsamp__add_square_texel(const envsamp__squares *s, int x, int y,
                                       envsamp__square *sum)
 {
-    double rgb[3], dir[3], sr = s->grain->row_sr[y];
-    float mended[3];
+    double rgb[3] = { 0.0, 0.0, 0.0 }, dir[3], sr = s->grain->row_sr[y];
     int c;
 
-    envsamp__mend_pixel(envsamp__grain_at(s->grain, x, y), s->grain->channels, mended);
+    envsamp__add_pixels(envsamp__grain_at(s->grain, x, y), s->grain->channels, 1, rgb);
     for (c = 0; c < 3; c++)
-        rgb[c] = sr * (double)mended[c];
+        rgb[c] *= sr;
     envsamp__texel_dir(s, x, y, dir);
     envsamp__add_to_square(s->image, rgb, sr, dir, sum);
 }
