@@ -1951,6 +1951,8 @@ static void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
 
     return arena->base ? arena->base + at : NULL;
 }
+#define ENVSAMP__TAKE(type, arena, count) \
+    ((type *)envsamp__take(arena, (uint64_t)(count), sizeof(type)))
 
 /* Sets sizes to 0, and checks the image that they are asked for. */
 static envsamp_result envsamp__begin_sizes(const envsamp_image *image, envsamp_sizes *sizes)
@@ -2231,10 +2233,9 @@ static void envsamp__source_carve(envsamp__source *source, const envsamp_image *
     source->image = *image;
     source->bilinear = bilinear;
     source->compensation = compensation > 0.0f ? compensation : 0.0f;
-    source->row = (float *)envsamp__take(arena, (uint64_t)image->width * (uint64_t)image->channels,
-                                         sizeof(float));
-    source->side[0] = (float *)envsamp__take(arena, folds, sizeof(float));
-    source->side[1] = (float *)envsamp__take(arena, folds, sizeof(float));
+    source->row = ENVSAMP__TAKE(float, arena, (uint64_t)image->width * (uint64_t)image->channels);
+    source->side[0] = ENVSAMP__TAKE(float, arena, folds);
+    source->side[1] = ENVSAMP__TAKE(float, arena, folds);
 }
 
 /* Luminance of a row of texels. */
@@ -2259,9 +2260,14 @@ static envsamp_result envsamp__source_row(envsamp__source *source, int y, float 
     return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
-/* Whether all rows are read once before a build begins. */
-static int envsamp__source_surveys(const envsamp__source *source)
+/* Begins to read; returns whether all rows are read once before a build begins. */
+static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
+                                 void *user, int strict)
 {
+    source->fn = fn;
+    source->user = user;
+    source->strict = strict;
+    envsamp__map_angles(map);
     return source->compensation > 0.0f
         || (source->bilinear && source->image.mapping == ENVSAMP_OCTAHEDRAL);
 }
@@ -2417,7 +2423,7 @@ static void envsamp__cut_cell(const envsamp__map *map, const float *line,
 {
     const float *a = line + x, *c = a + map->stride;
     double edge = envsamp__x_edge(map, x), width = envsamp__x_edge(map, x + 1) - edge;
-    double s[2], top[2], end[2], mean[2], rise[2], sr = part->sr * (x1 - x0), peak = 0.0;
+    double s[2], mean[2], rise[2], sr = part->sr * (x1 - x0), peak = 0.0;
     int k;
 
     if (!map->bilinear) {
@@ -2433,9 +2439,8 @@ static void envsamp__cut_cell(const envsamp__map *map, const float *line,
 
         rise[k] = lower - upper;
         mean[k] = upper + part->at * rise[k];
-        top[k] = upper + part->top * rise[k];
-        end[k] = upper + part->end * rise[k];
-        peak = envsamp__max(peak, envsamp__max(top[k], end[k]));
+        peak = envsamp__max(peak, envsamp__max(upper + part->top * rise[k],
+                                               upper + part->end * rise[k]));
     }
     run->sum[i] = 0.5 * sr * (mean[0] + mean[1]);
     run->square[i] = sr / 3.0 * (mean[0] * mean[0] + mean[0] * mean[1] + mean[1] * mean[1]
@@ -2644,27 +2649,25 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
     map->height = image->height + bilinear;
     map->stride = (size_t)(map->width + bilinear);
     map->integral = 0.0;
-    map->cap = (double *)envsamp__take(arena, (uint64_t)map->height + 1, sizeof(double));
-    map->rows = (envsamp__row_part *)envsamp__take(arena, (uint64_t)map->height,
-                                                   sizeof(envsamp__row_part));
+    map->cap = ENVSAMP__TAKE(double, arena, map->height + 1);
+    map->rows = ENVSAMP__TAKE(envsamp__row_part, arena, map->height);
     for (map->level_count = 0; !lines; k++) {
         envsamp__level *level = &map->levels[k];
 
         level->shift = k ? k + 1 : 0;
         level->width = (map->width + (1 << level->shift) - 1) >> level->shift;
         level->height = (map->height + (1 << level->shift) - 1) >> level->shift;
-        level->row_sr = (double *)envsamp__take(arena, (uint64_t)level->height, sizeof(double));
-        level->cells = k ? (envsamp__cell *)envsamp__take(arena, (uint64_t)level->width
-                                       * (uint64_t)level->height, sizeof(envsamp__cell)) : NULL;
+        level->row_sr = ENVSAMP__TAKE(double, arena, level->height);
+        level->cells = k ? ENVSAMP__TAKE(envsamp__cell, arena, (uint64_t)level->width
+                                                               * (uint64_t)level->height) : NULL;
         map->level_count = k + 1;
         if (k > 0 && (int64_t)level->width * level->height <= ENVSAMP__TOP)
             break;
     }
     lines = lines ? lines : (uint64_t)map->height + (uint64_t)bilinear;
     map->knot_count = (size_t)lines * map->stride;
-    map->knots = (float *)envsamp__take(arena, lines * map->stride + ENVSAMP__BEYOND,
-                                        sizeof(float));
-    map->runs = (envsamp__run *)envsamp__take(arena, 2, sizeof(envsamp__run));
+    map->knots = ENVSAMP__TAKE(float, arena, lines * map->stride + ENVSAMP__BEYOND);
+    map->runs = ENVSAMP__TAKE(envsamp__run, arena, 2);
 }
 
 /* ============================================================================================
@@ -2861,20 +2864,24 @@ static void envsamp__profile_clear(envsamp__profile *p, int count)
     }
 }
 
+#if defined(__GNUC__) && defined(ENVSAMP__HOST_ONLY)
+#define ENVSAMP__PREFETCH(p) __builtin_prefetch(p)
+#elif defined(ENVSAMP__SSE)
+#define ENVSAMP__PREFETCH(p) _mm_prefetch((const char *)(p), _MM_HINT_T0)
+#else
+#define ENVSAMP__PREFETCH(p) ((void)(p))
+#endif
+
 /* Asks for the lines of a block of memory rows all at once: read one after another, their misses
    were half of a build. */
 static inline void envsamp__prefetch(const void *first, size_t row_bytes, size_t stride, int rows)
 {
-#ifdef __GNUC__
     const char *row = (const char *)first;
     size_t at;
 
     for (; rows > 0; rows--, row += stride)
         for (at = 0; at < row_bytes; at += 64)
-            __builtin_prefetch(row + at);
-#else
-    (void)first, (void)row_bytes, (void)stride, (void)rows;
-#endif
+            ENVSAMP__PREFETCH(row + at);
 }
 
 /* How much of the cell from `edge` to `next` lies between low and high. */
@@ -3329,15 +3336,12 @@ static void envsamp__heap_settle(envsamp__tree *tree)
 
 static void envsamp__heap_push(envsamp__tree *tree, double key, uint32_t block)
 {
+    const envsamp__heap_entry entry = { key, block, 0 };
     int hole = tree->heap_count++;
 
-    while (hole > 0 && tree->heap[(hole - 1) / 4].key < key) {
+    for (; hole > 0 && tree->heap[(hole - 1) / 4].key < key; hole = (hole - 1) / 4)
         tree->heap[hole] = tree->heap[(hole - 1) / 4];
-        hole = (hole - 1) / 4;
-    }
-    tree->heap[hole].key = key;
-    tree->heap[hole].block = block;
-    tree->heap[hole].searched = 0;
+    tree->heap[hole] = entry;
 }
 
 /* Replaces a block by the two parts of its best split: the low part takes its place. */
@@ -4442,23 +4446,19 @@ static double envsamp__block_q(const envsamp__block *b)
 }
 
 /* Q of what a link of the tree leads to. */
-static double envsamp__link_q(const envsamp__warp_writer *w, uint32_t link)
+static double envsamp__link_q(const envsamp__tree *tree, const double *q, uint32_t link)
 {
-    return link & ENVSAMP__LEAF ? envsamp__block_q(&w->tree->blocks[link & ~ENVSAMP__LEAF])
-                                : w->q[link];
+    return link & ENVSAMP__LEAF ? envsamp__block_q(&tree->blocks[link & ~ENVSAMP__LEAF]) : q[link];
 }
 
 /* Q of the subtree of every cut: children come after their parents. */
 static void envsamp__sum_q(const envsamp__tree *tree, double *q)
 {
-    envsamp__warp_writer w;
     int i;
 
-    w.tree = tree;
-    w.q = q;
     for (i = tree->block_count - 2; i >= 0; i--)
-        q[i] = envsamp__link_q(&w, tree->cuts[i].child[0])
-             + envsamp__link_q(&w, tree->cuts[i].child[1]);
+        q[i] = envsamp__link_q(tree, q, tree->cuts[i].child[0])
+             + envsamp__link_q(tree, q, tree->cuts[i].child[1]);
 }
 
 /* Moments of a subtree below a tile. */
@@ -4524,8 +4524,8 @@ static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p, e
 {
     const envsamp__cut *cut = &w->tree->cuts[p->link];
     int axis = cut->axis;
-    int64_t units = envsamp__units_low(envsamp__link_q(w, cut->child[0]),
-                                       envsamp__link_q(w, cut->child[1]),
+    int64_t units = envsamp__units_low(envsamp__link_q(w->tree, w->q, cut->child[0]),
+                                       envsamp__link_q(w->tree, w->q, cut->child[1]),
                                        p->high[axis] - p->low[axis]);
     envsamp__warp *warp = &w->warp[w->warp_count];
     envsamp__node *node = &w->nodes[w->warp_count];
@@ -5016,13 +5016,12 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     tree->criterion = desc->criterion;
     tree->depth_limit = desc->select == ENVSAMP_KD_WARP ? ENVSAMP__WARP_DEPTH : INT_MAX;
     tree->fine_bits = bilinear ? ENVSAMP__FINE_BITS : 0;
-    tree->blocks = (envsamp__block *)envsamp__take(arena, count, sizeof(envsamp__block));
-    tree->cuts = (envsamp__cut *)envsamp__take(arena, count, sizeof(envsamp__cut));
-    tree->heap = (envsamp__heap_entry *)envsamp__take(arena, count, sizeof(envsamp__heap_entry));
-    tree->columns = (envsamp__profile *)envsamp__take(arena, 1, sizeof(envsamp__profile));
-    tree->rows = (envsamp__profile *)envsamp__take(arena, 1, sizeof(envsamp__profile));
-    job->writer.stack = (envsamp__part *)envsamp__take(arena, ENVSAMP__WARP_DEPTH + 2,
-                                                       sizeof(envsamp__part));
+    tree->blocks = ENVSAMP__TAKE(envsamp__block, arena, count);
+    tree->cuts = ENVSAMP__TAKE(envsamp__cut, arena, count);
+    tree->heap = ENVSAMP__TAKE(envsamp__heap_entry, arena, count);
+    tree->columns = ENVSAMP__TAKE(envsamp__profile, arena, 1);
+    tree->rows = ENVSAMP__TAKE(envsamp__profile, arena, 1);
+    job->writer.stack = ENVSAMP__TAKE(envsamp__part, arena, ENVSAMP__WARP_DEPTH + 2);
     job->probability = (double *)envsamp__take(arena, count, sizeof(double));
     job->order = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
     job->place = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
@@ -5300,11 +5299,8 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
     envsamp__kd_carve(work, image, &filled, &arena);
     work->kd = (envsamp_kd *)table.data;
     envsamp__kd_head(work->kd, image, &filled);
-    work->source.fn = fn;
-    work->source.user = user;
-    work->source.strict = filled.strict;
-    work->phase = envsamp__source_surveys(&work->source) ? ENVSAMP__DO_SURVEY : ENVSAMP__DO_ROWS;
-    envsamp__map_angles(&work->map);
+    work->phase = envsamp__source_begin(&work->source, &work->map, fn, user, filled.strict)
+                ? ENVSAMP__DO_SURVEY : ENVSAMP__DO_ROWS;
     *job = work;
     return ENVSAMP_OK;
 }
@@ -5763,10 +5759,18 @@ ENVSAMP__MATH envsamp__exact envsamp__exact_place(uint32_t mapping, const float 
     return e;
 }
 
+/* How far, in solid angle, a direction is from one stored edge to another. */
+ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1)
+{
+    double top = (double)ENVSAMP_FABSF(y0), end = (double)ENVSAMP_FABSF(y1);
+
+    return envsamp__cap_between(top, envsamp__sign(y0), e.cap, e.south)
+         / envsamp__cap_between(top, envsamp__sign(y0), end, envsamp__sign(y1));
+}
+
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
                                                  float u[2])
 {
-    double top, end;
     float polar, cut[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, edge[4];
     envsamp__diamond d;
     envsamp__exact e;
@@ -5797,15 +5801,11 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     }
     if (!link)
         return 0;
-    top = (double)ENVSAMP_FABSF(edge[2]);
-    end = (double)ENVSAMP_FABSF(edge[3]);
     u[0] = envsamp__invert_between((uint32_t)tile & ((1u << kd->tile_bits_x) - 1), kd->tile_bits_x,
                             cut[0], cut[1],
                             (e.x - (double)edge[0]) / ((double)edge[1] - (double)edge[0]));
-    u[1] = envsamp__invert_between(
-        (uint32_t)tile >> kd->tile_bits_x, kd->tile_bits_y, cut[2], cut[3],
-        envsamp__cap_between(top, envsamp__sign(edge[2]), e.cap, e.south)
-        / envsamp__cap_between(top, envsamp__sign(edge[2]), end, envsamp__sign(edge[3])));
+    u[1] = envsamp__invert_between((uint32_t)tile >> kd->tile_bits_x, kd->tile_bits_y, cut[2],
+                                   cut[3], envsamp__exact_between(e, edge[2], edge[3]));
     return 1;
 }
 
@@ -6128,14 +6128,6 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
 #define ENVSAMP__WALK 4                     /* edges compared without a branch */
 #define ENVSAMP__CDF_SUMMED 131072          /* bytes of the checksum in one step */
 
-#if defined(__GNUC__) && defined(ENVSAMP__HOST_ONLY)
-#define ENVSAMP__PREFETCH(p) __builtin_prefetch(p)
-#elif defined(ENVSAMP__SSE)
-#define ENVSAMP__PREFETCH(p) _mm_prefetch((const char *)(p), _MM_HINT_T0)
-#else
-#define ENVSAMP__PREFETCH(p) ((void)(p))
-#endif
-
 typedef struct envsamp__cdf_row { float north, south, polar, density; } envsamp__cdf_row;
 
 struct envsamp_cdf {
@@ -6282,12 +6274,12 @@ static void envsamp__cdf_carve(envsamp_cdf_job *job, const envsamp_image *image,
     envsamp__take(arena, 1, sizeof *job);
     envsamp__source_carve(&job->source, image, bilinear, desc->mis_compensation, arena);
     envsamp__map_carve(&job->map, image, bilinear, bilinear ? 2 : 1, arena);
-    job->weight = (double *)envsamp__take(arena, (uint64_t)job->map.width, sizeof(double));
-    job->cell_square = (double *)envsamp__take(arena, (uint64_t)job->map.width, sizeof(double));
-    job->cell_max = (float *)envsamp__take(arena, (uint64_t)job->map.width, sizeof(float));
-    job->mass = (double *)envsamp__take(arena, rows, sizeof(double));
-    job->square = (double *)envsamp__take(arena, rows, sizeof(double));
-    job->peak = (double *)envsamp__take(arena, rows, sizeof(double));
+    job->weight = ENVSAMP__TAKE(double, arena, job->map.width);
+    job->cell_square = ENVSAMP__TAKE(double, arena, job->map.width);
+    job->cell_max = ENVSAMP__TAKE(float, arena, job->map.width);
+    job->mass = ENVSAMP__TAKE(double, arena, rows);
+    job->square = ENVSAMP__TAKE(double, arena, rows);
+    job->peak = ENVSAMP__TAKE(double, arena, rows);
 }
 
 /* Arrays end where the next one begins, but for a gap: nothing in a table is left to chance. */
@@ -6556,11 +6548,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
     work->cdf = (envsamp_cdf *)table.data;
     envsamp__cdf_head(work->cdf, image, desc);
     envsamp__cdf_clear_gaps(work->cdf);
-    work->source.fn = fn;
-    work->source.user = user;
-    work->source.strict = desc->strict;
-    work->survey = envsamp__source_surveys(&work->source);
-    envsamp__map_angles(&work->map);
+    work->survey = envsamp__source_begin(&work->source, &work->map, fn, user, desc->strict);
     *job = work;
     return ENVSAMP_OK;
 }
@@ -6906,8 +6894,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
 {
     const uint32_t *edge, *row_edge;
     const envsamp__cdf_row *row;
-    double x0, x1, top, f;
-    float y0, y1;
+    double x0, x1;
     envsamp__cdf_place at;
     envsamp__exact e;
 
@@ -6925,13 +6912,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
     x1 = (double)at.column + 1.0 - (double)cdf->offset;
     x1 = x1 < (double)cdf->image_width ? x1 : (double)cdf->image_width;
     u[0] = envsamp__cdf_number(edge, (e.x * (double)cdf->image_width - x0) / (x1 - x0));
-    y0 = envsamp__cdf_row_edge(row);
-    y1 = envsamp__cdf_row_edge(row + 1);
-    top = (double)ENVSAMP_FABSF(y0);
-    f = envsamp__cap_between(top, envsamp__sign(y0), e.cap, e.south)
-      / envsamp__cap_between(top, envsamp__sign(y0), (double)ENVSAMP_FABSF(y1),
-                             envsamp__sign(y1));
-    u[1] = envsamp__cdf_number(row_edge, f);
+    u[1] = envsamp__cdf_number(row_edge, envsamp__exact_between(e, envsamp__cdf_row_edge(row),
+                                                                envsamp__cdf_row_edge(row + 1)));
     return 1;
 }
 
@@ -7492,9 +7474,9 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     envsamp__set_kernel(h);
     envsamp__lay_cells(h, width, height);
     for (i = 0; i < h->rows; i++)
-        h->row[i] = (double *)envsamp__take(arena, (uint64_t)h->across, sizeof(double));
-    h->sum = (double *)envsamp__take(arena, (uint64_t)width, sizeof(double));
-    h->lit_count = (int *)envsamp__take(arena, (uint64_t)width, sizeof(int));
+        h->row[i] = ENVSAMP__TAKE(double, arena, h->across);
+    h->sum = ENVSAMP__TAKE(double, arena, width);
+    h->lit_count = ENVSAMP__TAKE(int, arena, width);
 }
 
 /* Where the scan chooses first. RANDOM: its draws, in their order, are as the sums of exponential
@@ -7635,8 +7617,10 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
                                             envsamp_texel *texels, int capacity, int *count,
                                             envsamp_buffer scratch)
 {
+    const envsamp__grain grain = { importance, row_stride_bytes ? row_stride_bytes
+                                                                : (size_t)width * sizeof(float),
+                                   1, NULL, width, height };
     envsamp__arena arena = { NULL, 0 };
-    envsamp__grain grain;
     envsamp__halftone h;
     envsamp_result result;
     double total;
@@ -7646,12 +7630,6 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     if (!count)
         return ENVSAMP_ERR_NULL;
     *count = 0;
-    ENVSAMP_MEMSET(&grain, 0, sizeof grain);
-    grain.pixels = importance;
-    grain.channels = 1;
-    grain.stride = row_stride_bytes ? row_stride_bytes : (size_t)width * sizeof(float);
-    grain.width = width;
-    grain.height = height;
     result = envsamp__halftone_check(&grain, desc, texels, capacity, scratch);
     if (result == ENVSAMP_OK)
         result = envsamp__importance_total(&grain, &total, &lit);
@@ -8021,8 +7999,7 @@ static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp_image *image,
     cuts->below = (double *)envsamp__take(arena, ((uint64_t)cuts->squares.across + 1)
                                           * ((uint64_t)cuts->squares.down + 1),
                                           (size_t)cuts->sums * sizeof(double));
-    cuts->regions = (envsamp__region *)envsamp__take(arena, (uint64_t)desc->count,
-                                                     sizeof(envsamp__region));
+    cuts->regions = ENVSAMP__TAKE(envsamp__region, arena, desc->count);
 }
 
 static void envsamp__fill_below(envsamp__cuts *cuts)
@@ -8855,8 +8832,8 @@ static void envsamp__emission_carve(envsamp__emission *e, const envsamp__grain *
 
     ENVSAMP_MEMSET(e, 0, sizeof *e);
     e->grain = grain;
-    e->map = (float *)envsamp__take(arena, texels, sizeof(float));
-    e->bins = (double *)envsamp__take(arena, ENVSAMP__BINS, sizeof(double));
+    e->map = ENVSAMP__TAKE(float, arena, texels);
+    e->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
 }
 
 static float *envsamp__emission_row(const envsamp__emission *e, int y)
@@ -9062,9 +9039,9 @@ static void envsamp__decomposition_carve(envsamp__decomposition *d, envsamp__rel
     envsamp__emission_carve(&d->emission, grain, arena);
     d->emission.labels = (uint8_t *)envsamp__take(arena, (uint64_t)grain->width
                                                   * (uint64_t)grain->height, 1);
-    d->left = (double *)envsamp__take(arena, (uint64_t)direct->squares.across
-                                      * (uint64_t)direct->squares.down, sizeof(double));
-    d->texel = (envsamp_texel *)envsamp__take(arena, (uint64_t)desc->count, sizeof(envsamp_texel));
+    d->left = ENVSAMP__TAKE(double, arena, (uint64_t)direct->squares.across
+                                           * (uint64_t)direct->squares.down);
+    d->texel = ENVSAMP__TAKE(envsamp_texel, arena, desc->count);
     direct->squares.labels = indirect->squares.labels = d->emission.labels;
     direct->squares.label = ENVSAMP__EMISSIVE;
     indirect->squares.label = ENVSAMP__DIM;
@@ -9565,7 +9542,7 @@ static void envsamp__image_grain(const envsamp_image *image, envsamp__grain *gra
     grain->stride = envsamp__row_stride(image);
     grain->width = image->width;
     grain->height = image->height;
-    grain->row_sr = (double *)envsamp__take(arena, (uint64_t)image->height, sizeof(double));
+    grain->row_sr = ENVSAMP__TAKE(double, arena, image->height);
 }
 
 static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image,
@@ -9579,8 +9556,7 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
         || desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
         envsamp__cuts_carve(&l->cuts, image, &l->grain, desc, arena);
     } else {
-        l->texels = (envsamp_texel *)envsamp__take(arena, (uint64_t)desc->count,
-                                                   sizeof(envsamp_texel));
+        l->texels = ENVSAMP__TAKE(envsamp_texel, arena, desc->count);
         l->halftone_desc.count = desc->count;
         l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
                                                                         : ENVSAMP_KERNEL_SZIRMAY;
