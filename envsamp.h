@@ -878,6 +878,7 @@ extern "C" {
 ENVSAMP__MATH int envsamp__min(int a, int b) { return a < b ? a : b; }
 ENVSAMP__MATH int envsamp__max_int(int a, int b) { return a > b ? a : b; }
 ENVSAMP__MATH double envsamp__max(double a, double b) { return a > b ? a : b; }
+ENVSAMP__MATH double envsamp__min_double(double a, double b) { return a < b ? a : b; }
 ENVSAMP__MATH double envsamp__clamp(double x, double low, double high)
 {
     return x < low ? low : x < high ? x : high;
@@ -2486,9 +2487,8 @@ static inline void envsamp__row_run(const envsamp__map *map, const float *line,
         envsamp__cut_max(knot, knot + map->stride, part, count, run);
     for (i = 0; i < count; i += count > 1 ? count - 1 : 1) {
         double left = envsamp__max(envsamp__x_edge(map, x0 + i), rect->x0);
-        double right = envsamp__x_edge(map, x0 + i + 1);
+        double right = envsamp__min_double(envsamp__x_edge(map, x0 + i + 1), rect->x1);
 
-        right = right < rect->x1 ? right : rect->x1;
         if (right - left < 1.0)
             envsamp__cut_cell(map, line, part, x0 + i, left, right, run, i);
     }
@@ -3093,9 +3093,9 @@ static void envsamp__bin_weights(const envsamp__map *map, int k, const envsamp__
             (double)((w->x0 + i) << shift), (double)((w->x0 + i + 1) << shift));
     for (i = 0; i < height; i += height > 1 ? height - 1 : 1) {
         double top = envsamp__max((double)((w->y0 + i) << shift), rect->y0);
-        double end = (double)((w->y0 + i + 1) << shift);
+        double end = envsamp__min_double((double)((w->y0 + i + 1) << shift), rect->y1);
 
-        bins->rows->weight[i] = envsamp__rows_sr(map, top, end < rect->y1 ? end : rect->y1);
+        bins->rows->weight[i] = envsamp__rows_sr(map, top, end);
     }
 }
 
@@ -3233,28 +3233,23 @@ static envsamp__window envsamp__fine_profile(envsamp__tree *tree, int bits,
     const envsamp__map *map = tree->map;
     double step = 1.0 / (double)(1 << bits);
     envsamp__row_part part;
-    envsamp__window w;
+    int x0 = (int)(rect->x0 / step), y0 = (int)(rect->y0 / step), i, j;
+    envsamp__window w = { x0, y0, x0 + envsamp__cell_count(rect->x0 / step, rect->x1 / step, 0),
+                          y0 + envsamp__cell_count(rect->y0 / step, rect->y1 / step, 0) };
     envsamp__run *run = map->runs;
-    int i, j;
 
-    w.x0 = (int)(rect->x0 / step);
-    w.y0 = (int)(rect->y0 / step);
-    w.x1 = w.x0 + envsamp__cell_count(rect->x0 / step, rect->x1 / step, 0);
-    w.y1 = w.y0 + envsamp__cell_count(rect->y0 / step, rect->y1 / step, 0);
     envsamp__profile_clear(tree->columns, w.x1 - w.x0);
     envsamp__profile_clear(tree->rows, w.y1 - w.y0);
     for (j = w.y0; j < w.y1; j++) {
         int y = j >> bits;
-        double low = (double)(j + 1) * step;
         envsamp__moments row = { 0.0, 0.0, 0.0f };
 
         part = envsamp__part_within(map, y, envsamp__max((double)j * step, rect->y0),
-                                    low < rect->y1 ? low : rect->y1);
+                                    envsamp__min_double((double)(j + 1) * step, rect->y1));
         for (i = w.x0; i < w.x1; i++) {
             double left = envsamp__max((double)i * step, rect->x0);
-            double right = (double)(i + 1) * step;
+            double right = envsamp__min_double((double)(i + 1) * step, rect->x1);
 
-            right = right < rect->x1 ? right : rect->x1;
             envsamp__cut_cell(map, envsamp__line(map, y), &part, i >> bits, left, right, run,
                               i - w.x0);
             tree->columns->weight[i - w.x0] = right - left;
@@ -4604,19 +4599,6 @@ static void envsamp__find_tile(envsamp__warp_writer *w, uint32_t i, uint32_t j,
     tile->link = link;
 }
 
-/* Begins to write tiles, the cuts below them, and the tree for pdf(dir). */
-static void envsamp__warp_begin(envsamp__warp_writer *w)
-{
-    char *base = (char *)w->kd;
-    uint32_t count = 1u << (w->kd->tile_bits_x + w->kd->tile_bits_y);
-
-    w->warp = (envsamp__warp *)(void *)(base + w->kd->warp_at);
-    w->nodes = (envsamp__node *)(void *)(base + w->kd->nodes_at) + (count - 1);
-    w->warp_count = w->leaf_count = 0;
-    w->second = w->max_ratio = 0.0;
-    w->root = ENVSAMP__INNER;
-}
-
 /* Tile i, and all below it. */
 static void envsamp__warp_tile(envsamp__warp_writer *w, uint32_t i)
 {
@@ -4778,12 +4760,10 @@ ENVSAMP__HOT envsamp__point envsamp__warp_sample(const envsamp_kd *kd, float u0,
                                                  float *pdf)
 {
     const envsamp__warp *nodes = ENVSAMP__ARRAY(envsamp__warp, kd, warp);
-    float f[2], cut[4], edge[4];
+    float f[2], cut[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, edge[4];
     int tile = envsamp__warp_start(kd, u0, u1, &f[0], &f[1]);
     uint32_t link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
 
-    cut[0] = cut[2] = 0.0f;
-    cut[1] = cut[3] = 1.0f;
     ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
     while (link & ENVSAMP__INNER)
         link = envsamp__warp_step(&nodes[link & ~ENVSAMP__INNER], f, cut, edge, 1);
@@ -4856,11 +4836,8 @@ ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *at, 
         sine[i] = ENVSAMP_FABSF(north[i] * south[i]);   /* below 0 by rounding with -ffast-math */
     envsamp__sqrt_n(sine, n);
     for (i = 0; i < n; i++) {
-        envsamp__point p;
+        envsamp__point p = { turn[i], north[i], south[i] };
 
-        p.x = turn[i];
-        p.north = north[i];
-        p.south = south[i];
         envsamp__point_dir(p, sine[i], &x[i], &y[i], &z[i]);
     }
 }
@@ -5169,22 +5146,25 @@ static void envsamp__write_listed(envsamp_kd_job *job)
 static int envsamp__write_warped(envsamp_kd_job *job, int tile)
 {
     envsamp_kd *kd = job->kd;
+    envsamp__warp_writer *w = &job->writer;
+    int tiles = 1 << job->tree.tile_bits;
 
     if (tile == 0) {
-        kd->block_count = kd->drawn_count = job->writer.leaf_count;
+        kd->block_count = kd->drawn_count = w->leaf_count;
         envsamp__kd_layout(kd);
-        envsamp__warp_begin(&job->writer);
+        w->warp = (envsamp__warp *)(void *)((char *)kd + kd->warp_at);
+        w->nodes = (envsamp__node *)(void *)((char *)kd + kd->nodes_at) + (tiles - 1);
+        w->warp_count = w->leaf_count = 0;
+        w->second = w->max_ratio = 0.0;
+        w->root = ENVSAMP__INNER;
     }
-    envsamp__warp_tile(&job->writer, (uint32_t)tile);
-    if (tile + 1 < 1 << job->tree.tile_bits)
+    envsamp__warp_tile(w, (uint32_t)tile);
+    if (tile + 1 < tiles)
         return 1;
-    if (job->writer.leaf_count != kd->block_count) {
-        job->next = 0;
-        return 1;
-    }
-    kd->excess_variance = envsamp__excess(job->writer.second, job->map.integral);
-    kd->max_ratio = job->writer.max_ratio;
-    return 0;
+    kd->excess_variance = envsamp__excess(w->second, job->map.integral);
+    kd->max_ratio = w->max_ratio;
+    job->next = 0;
+    return w->leaf_count != kd->block_count;
 }
 
 /* How often blocks are drawn. */
@@ -5559,14 +5539,12 @@ typedef struct envsamp__checked { uint32_t link; float low[2], high[2]; envsamp_
 static uint32_t envsamp__tile_valid(const envsamp_kd *kd, uint32_t link, envsamp__edges edges,
                                     uint32_t met, uint32_t count)
 {
+    const envsamp__checked tile = { link, { 0.0f, 0.0f }, { 1.0f, 1.0f }, edges };
     envsamp__checked stack[ENVSAMP__WARP_DEPTH + 2];
-    int top = 0;
+    int top = 1;
 
-    stack[0].link = link;
-    stack[0].low[0] = stack[0].low[1] = 0.0f;
-    stack[0].high[0] = stack[0].high[1] = 1.0f;
-    stack[0].edges = edges;
-    for (top = 1; top > 0;) {
+    stack[0] = tile;
+    while (top > 0) {
         envsamp__checked *high = &stack[top - 1], *low = &stack[top];
         const envsamp__warp *warp = &ENVSAMP__ARRAY(envsamp__warp, kd, warp)[met];
         float cut, units;
@@ -6204,11 +6182,9 @@ typedef struct envsamp__cdf_sums { uint32_t sum[4]; uint64_t at; } envsamp__cdf_
 
 static envsamp__cdf_sums envsamp__cdf_sums_begin(const envsamp_cdf *cdf)
 {
-    envsamp__cdf_sums s = { { 2166136261u, 1, 2, 3 }, 0 };
+    envsamp__cdf_sums s = { { 2166136261u, 1, 2, 3 ^ cdf->mapping }, offsetof(envsamp_cdf, bytes) };
 
-    s.at = offsetof(envsamp_cdf, bytes);    /* so that the rest is whole groups of four */
-    s.sum[3] ^= cdf->mapping;
-    return s;
+    return s;                               /* the rest is whole groups of four */
 }
 
 /* Adds some more of a table. Returns 0 when all of it is in. */
@@ -6909,8 +6885,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
     edge = envsamp__cdf_edges(cdf, at.row) + at.column;
     row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row;
     x0 = envsamp__max((double)at.column - (double)cdf->offset, 0.0);
-    x1 = (double)at.column + 1.0 - (double)cdf->offset;
-    x1 = x1 < (double)cdf->image_width ? x1 : (double)cdf->image_width;
+    x1 = envsamp__min_double((double)at.column + 1.0 - (double)cdf->offset,
+                             (double)cdf->image_width);
     u[0] = envsamp__cdf_number(edge, (e.x * (double)cdf->image_width - x0) / (x1 - x0));
     u[1] = envsamp__cdf_number(row_edge, envsamp__exact_between(e, envsamp__cdf_row_edge(row),
                                                                 envsamp__cdf_row_edge(row + 1)));
@@ -7285,27 +7261,19 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
     }
 }
 
-/* Texels of a column between two rows. */
-static void envsamp__walk_texels(envsamp__halftone *h, int x, int y0, int y1, int up)
-{
-    int y;
-
-    for (y = 0; y < y1 - y0; y++)
-        envsamp__walk_texel(h, x, up ? y1 - 1 - y : y0 + y);
-}
-
 /* A row of the cell's columns, the step-th way, all of their height or a part of it. In turns, rows
    of cells begin downwards and upwards: else those of an even map may all be low in their cells. */
 static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
 {
-    int width = h->x1 - h->x0, i;
+    int width = h->x1 - h->x0, i, y;
 
     for (i = 0; i < width; i++) {
         int x = step > 0 ? h->x0 + i : h->x1 - 1 - i;
 
         if (y1 - y0 < h->y1 - h->y0 || h->error + h->sum[x] > h->threshold
             || envsamp__is_short(h, h->lit - h->lit_count[x])) {
-            envsamp__walk_texels(h, x, y0, y1, (i + h->strip) & 1);
+            for (y = y0; y < y1; y++)
+                envsamp__walk_texel(h, x, (i + h->strip) & 1 ? y0 + y1 - 1 - y : y);
         } else {                /* a whole column of which none is to be chosen */
             h->error += h->sum[x];
             h->lit -= h->lit_count[x];
