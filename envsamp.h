@@ -2680,13 +2680,10 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
  * the part inside is read at finer levels, down to fractions of cells.
  * ========================================================================================== */
 
-#define ENVSAMP__PROFILE ENVSAMP__TOP   /* cells read for one split. 64, 256 and 1024 change the
-                                           excess variance by +5, -3 and -7 %, the time by -9, +15
-                                           and +60 % */
+#define ENVSAMP__PROFILE ENVSAMP__TOP   /* cells read for one split; others: bench/experiments.md */
 #define ENVSAMP__FLAT 1e-12     /* relative: below it a block is flat */
 #define ENVSAMP__HOPE 0.15      /* of its bound: what a searched block still wants at least, since
-                                   two cuts may gain what one cannot. 0 and 0.4 have 13 and 4 % more
-                                   excess variance */
+                                   two cuts may gain what one cannot */
 #define ENVSAMP__EVEN (1.0 / 8)     /* of a block's light: what a cell that its edge cuts may hold
                                        and still count as even while splits are searched */
 #define ENVSAMP__WARP_DEPTH 32  /* cuts below a tile, one inside the other */
@@ -3405,10 +3402,8 @@ static int envsamp__grow(envsamp__tree *tree, int wanted)
  * across azimuth and polar angle in turns, but a long map first shorter, through texels where need
  * be. The 2^tile_bits tiles that they make are drawn equally often, their images in the unit square
  * are the cells of a regular grid, and the leading bits of u0 and u1 name the tile: no search, no
- * grid of links. Each tile is then split like a map of its own.
- *
- * Half as many tiles leave 20 % less excess variance, and take twice as many cuts below a tile;
- * other orders and weights of halves were no better (bench/experiments.md).
+ * grid of links. Each tile is then split like a map of its own. bench/experiments.md has other
+ * crowns.
  * ========================================================================================== */
 
 #define ENVSAMP__BLOCKS_PER_TILE 3      /* 2 at least: the crown has as many cuts as tiles */
@@ -4446,16 +4441,6 @@ static double envsamp__link_q(const envsamp__tree *tree, const double *q, uint32
     return link & ENVSAMP__LEAF ? envsamp__block_q(&tree->blocks[link & ~ENVSAMP__LEAF]) : q[link];
 }
 
-/* Q of the subtree of every cut: children come after their parents. */
-static void envsamp__sum_q(const envsamp__tree *tree, double *q)
-{
-    int i;
-
-    for (i = tree->block_count - 2; i >= 0; i--)
-        q[i] = envsamp__link_q(tree, q, tree->cuts[i].child[0])
-             + envsamp__link_q(tree, q, tree->cuts[i].child[1]);
-}
-
 /* Moments of a subtree below a tile. */
 static envsamp__moments envsamp__subtree_moments(const envsamp__tree *tree, uint32_t link)
 {
@@ -5170,7 +5155,10 @@ static int envsamp__write_warped(envsamp_kd_job *job, int tile)
 /* How often blocks are drawn. */
 static void envsamp__choose(envsamp_kd_job *job)
 {
+    const envsamp__tree *tree = &job->tree;
+    double *q = job->probability;
     envsamp_kd *kd = job->kd;
+    int i;
 
     kd->integral = job->source.compensation > 0.0f ? job->source.integral : job->map.integral;
     kd->mis_compensation = job->source.compensation;
@@ -5181,13 +5169,15 @@ static void envsamp__choose(envsamp_kd_job *job)
     } else if (kd->select == ENVSAMP_KD_FIT) {
         envsamp__choose_fit(job);
     } else {
-        job->writer.tree = &job->tree;
-        job->writer.q = job->probability;
+        job->writer.tree = tree;
+        job->writer.q = q;
         job->writer.kd = kd;
         job->writer.leaf_count = kd->block_count;
-        envsamp__sum_q(&job->tree, job->probability);
-        kd->tile_bits_x = (uint32_t)envsamp__crown_columns(&job->tree, job->tree.tile_bits);
-        kd->tile_bits_y = (uint32_t)job->tree.tile_bits - kd->tile_bits_x;
+        for (i = tree->block_count - 2; i >= 0; i--)    /* children come after their parents */
+            q[i] = envsamp__link_q(tree, q, tree->cuts[i].child[0])
+                 + envsamp__link_q(tree, q, tree->cuts[i].child[1]);
+        kd->tile_bits_x = (uint32_t)envsamp__crown_columns(tree, tree->tile_bits);
+        kd->tile_bits_y = (uint32_t)tree->tile_bits - kd->tile_bits_x;
     }
 }
 
@@ -7005,13 +6995,11 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
  * samples are missing as lit texels are left, all of these are chosen; after M, none.
  *
  * A kernel of a few texels cannot spread a handful of samples over thousands: until a column has
- * gathered half a sample none is chosen, then a dozen are in one row, and the rows below are in
- * debt. And an error from above may choose a texel that is hardly worth anything: divided by its
- * probability, such a sample is a firefly. [9] recommends to shift weight ahead where samples are
- * few, "in the extreme case" all of it. Along rows of texels that makes strips; along rows of
- * cells, compact regions of equal light, and with a random start every texel is chosen as often as
- * it is worth. Other paths, cells and shares below were worse, or chose some texels too often on
- * average (bench/experiments.md).
+ * gathered half a sample none is chosen, then a dozen are in one row. And an error from above may
+ * choose a texel that is hardly worth anything: divided by its probability, such a sample is a
+ * firefly. [9] recommends to shift weight ahead where samples are few, "in the extreme case" all of
+ * it. Along rows of cells that makes compact regions of equal light, and with a random start every
+ * texel is chosen as often as it is worth. bench/experiments.md has other paths, cells and shares.
  *
  * The sums of all columns of some cells come first; only where one takes the sum over the
  * threshold are its texels looked at.
@@ -9221,26 +9209,12 @@ static void envsamp__place_directs(envsamp__decomposition *d)
     }
 }
 
-/* Adds a texel to a light that stands at `at`, or to the rest of the map if it is far. */
-static void envsamp__add_to_direct(envsamp__decomposition *d, int x, int y, const double at[3],
-                                   envsamp__square *sum)
-{
-    const envsamp__squares *s = &d->direct->squares;
-    double dir[3];
-
-    envsamp__texel_dir(s, x, y, dir);
-    if (envsamp__dot(dir, at) < d->far_cosine) {
-        *envsamp__label_at(d, x, y) = ENVSAMP__DIM;
-        return;
-    }
-    envsamp__add_square_texel(s, x, y, sum);
-}
-
-/* Gives the lights, which go to their texels, the emissive ones of their pieces. */
+/* Gives the lights, which go to their texels, the emissive ones of their pieces. Texels that are
+   far from their light go back to the rest of the map. */
 static void envsamp__fill_directs(envsamp__decomposition *d, envsamp_light *lights)
 {
     envsamp__relaxation *r = d->direct;
-    double at[3];
+    double at[3], dir[3];
     int i, k, x, y;
 
     ENVSAMP_MEMSET(r->sum, 0, (size_t)r->lights * sizeof *r->sum);
@@ -9249,9 +9223,15 @@ static void envsamp__fill_directs(envsamp__decomposition *d, envsamp_light *ligh
 
         envsamp__texel_dir(&r->squares, d->texel[p->light].x, d->texel[p->light].y, at);
         for (y = p->y0; y < p->y1; y++)
-            for (x = p->x0; x < p->x1; x++)
-                if (envsamp__count_texels(&r->squares, x, y, 1))
-                    envsamp__add_to_direct(d, x, y, at, &r->sum[p->light]);
+            for (x = p->x0; x < p->x1; x++) {
+                if (!envsamp__count_texels(&r->squares, x, y, 1))
+                    continue;
+                envsamp__texel_dir(&r->squares, x, y, dir);
+                if (envsamp__dot(dir, at) < d->far_cosine)
+                    *envsamp__label_at(d, x, y) = ENVSAMP__DIM;
+                else
+                    envsamp__add_square_texel(&r->squares, x, y, &r->sum[p->light]);
+            }
     }
     for (k = 0; k < r->lights; k++) {
         envsamp__texel_dir(&r->squares, d->texel[k].x, d->texel[k].y, at);
