@@ -30,8 +30,9 @@ TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
 LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh bits.sh fast_math.sh stack.sh) \
-            $(addprefix $(BUILD)/test_, kd_statistics kd_fit halftone cdf kd_warp kd_exact kd_table \
-              bilinear coarse lights_cuts lights lights_decomposed kd_layout steps mapping placement)
+            $(addprefix $(BUILD)/test_, lights_lamps kd_statistics kd_fit halftone cdf kd_warp \
+              kd_exact kd_table bilinear coarse lights_cuts lights lights_decomposed kd_layout \
+              steps mapping placement)
 ORDERED  := $(filter $(TESTS) $(SCRIPTS),$(LONGEST)) $(filter-out $(LONGEST),$(TESTS) $(SCRIPTS))
 JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 
@@ -41,7 +42,7 @@ EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
 .PHONY: help demo lights product test bench scale fuzz corpus mutants coverage figures convergence \
-        halftone scene coarse shapes least-squares again portability portability-setup data \
+        halftone scene lamps coarse shapes least-squares again portability portability-setup data \
         setup clean
 
 help:  ## list the targets
@@ -118,6 +119,9 @@ scene: $(BUILD)/scene $(BUILD)/light_sets  ## a map as 16 to 64 lights, by every
 	$(BUILD)/light_sets
 
 # HEADER=old/envsamp.h: of another version, for this and the next.
+lamps: $(BUILD)/lamps  ## RELAXED on maps of strong lamps, beside cuts and DECOMPOSED
+	$(BUILD)/lamps table
+
 coarse: $(BUILD)/coarse  ## how bright a sky is with numbers of few bits, by every sampler
 	$(BUILD)/coarse
 
@@ -205,8 +209,10 @@ $(BUILD)/light_sets: bench/light_sets.c $(COMMON) $(HEADERS) | $(BUILD)
 $(BUILD)/coarse $(BUILD)/shapes: $(BUILD)/%: bench/%.c $(COMMON) $(HEADERS) again | $(BUILD)
 	$(COMPILE) $(OTHER_HEADER) $(filter %.c,$^) -lm -o $@
 
-$(BUILD)/least-squares: tests/test_lm_scales.c $(HEADERS) again | $(BUILD)
-	$(COMPILE) -DENVSAMP_IMPLEMENTATION $(OTHER_HEADER) $< -lm -o $@
+$(BUILD)/least-squares: tests/test_lm_scales.c
+$(BUILD)/lamps: tests/test_lights_lamps.c $(COMMON)
+$(BUILD)/least-squares $(BUILD)/lamps: $(HEADERS) again | $(BUILD)
+	$(COMPILE) -DENVSAMP_IMPLEMENTATION $(OTHER_HEADER) $(filter %.c,$^) -lm -o $@
 
 $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/figures.c tests/inside.c $(COMMON) -lm -o $@

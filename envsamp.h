@@ -661,8 +661,8 @@ typedef struct envsamp_lights_desc {
     float weight_variance;           /* DECOMPOSED: what decides which EnvIndirect to cut in two, */
     float weight_extent;             /* 0 or more; all 0: 1, 5, 1; the illumination cut before */
     float weight_energy;             /* [18] is 1, 0, 0, the best measured 0, 1, 2 */
-    int   refine_rounds;             /* at most so many: of k-means in DECOMPOSED; in RELAXED half
-                                        Lloyd's, half moves, above 128 lights all Lloyd's; 0: 64;
+    int   refine_rounds;             /* at most so many: of k-means in DECOMPOSED; of moves in
+                                        RELAXED, less above 100 lights and none above 1024; 0: 64;
                                         negative: none, RELAXED goes to centroids */
     uint32_t seed;                   /* of RANDOM, DECOMPOSED, start of HALFTONE */
     int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE */
@@ -680,7 +680,7 @@ ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
 
 /* Scratch of envsamp_lights. HALFTONE and RANDOM: 8 bytes a row, 12 a column, 12 a light.
    Cuts: up to 6 MB, 3 for a map twice as wide as high, and 56 bytes a light. RELAXED: up to 1 MB,
-   7 KB a light, no more than 4 MB of these, 140 bytes a light, and as HALFTONE. Both 16 bytes a
+   8 KB a light, no more than 4 MB of these, 200 bytes a light, and as HALFTONE. Both 16 bytes a
    column and 24 a row. DECOMPOSED: as cuts and RELAXED, 2 MB and 5 bytes a texel. table_bytes is 0.
    `desc` NULL: the defaults. Needs the image's sizes, not its pixels.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
@@ -692,11 +692,11 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
    channel. HALFTONE, RANDOM: colours are those of the texels, all of one luminance, then tinted
    alike. Where one texel is worth several lights, they stand evenly in it, one alone in its middle.
    Cuts: where a rectangle cannot be cut into two that have light, lights share its centroid.
-   RELAXED: gives the lights of HALFTONE above 16384 lights, or where the map has not twice as many
-   parts with light. DECOMPOSED: EnvDirects come first, each on an emissive texel of those that it
-   stands for, and no two on one unless all that is lit is emissive and there are more lights than
-   texels, or than 32768. Lights brighter than FLT_MAX are clamped, those of a map with nothing
-   brighter than 1e-36 lose digits.
+   RELAXED: more rounds bring lights no farther from the map, as @lights has it. Where they are more
+   than the lit texels, lights share these. Above 16384 it gives those of HALFTONE. DECOMPOSED:
+   EnvDirects come first, each on an emissive texel of those that it stands for, and no two on one
+   unless all that is lit is emissive and there are more lights than texels, or than 32768. Lights
+   brighter than FLT_MAX are clamped, those of a map with nothing brighter than 1e-36 lose digits.
    lights: `capacity` of them, K or more. info may be NULL.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY if `capacity` or scratch is too
      small, or _ALIGN; nothing is said of `lights` then.
@@ -7106,9 +7106,13 @@ static size_t envsamp__add_pixels(const float *from, int channels, int count, do
 /* Luminance of a pixel, which in double cannot overflow. */
 static double envsamp__pixel_luminance(const float *from, int channels)
 {
-    double rgb[3] = { 0.0, 0.0, 0.0 };
+    double rgb[3];
+    float mended[3];
+    int c;
 
-    envsamp__add_pixels(from, channels, 1, rgb);
+    envsamp__mend_pixel(from, channels, mended);
+    for (c = 0; c < 3; c++)
+        rgb[c] = (double)mended[c];
     return envsamp__luminance(rgb, channels);
 }
 
@@ -7642,7 +7646,8 @@ typedef struct envsamp__squares {
     const envsamp_image *image;
     const envsamp__grain *grain;
     envsamp__square *at;
-    int side, across, down;     /* of a square, in texels; how many there are */
+    int wide, tall;             /* of a square, in texels; */
+    int across, down;           /* how many there are */
     double *middle;             /* across x 2: cosine and sine of the azimuth of their middles */
     double *turn;               /* width x 2: the same of a column of texels */
     double *polar;              /* height x 2: sine and cosine of the polar angle of a row's */
@@ -7650,16 +7655,21 @@ typedef struct envsamp__squares {
     uint8_t label;              /* else those of this label do */
 } envsamp__squares;
 
-/* Squares as large as they must be for no more than so many each way. */
+/* Squares as large as they must be for no more than so many each way; narrower where that leaves
+   few. */
 static void envsamp__squares_carve(envsamp__squares *s, const envsamp_image *image,
                                    const envsamp__grain *grain, int most, envsamp__arena *arena)
 {
     s->image = image;
     s->grain = grain;
-    for (s->side = 1; image->width > most * s->side || image->height > most * s->side; )
-        s->side *= 2;
-    s->across = (image->width + s->side - 1) / s->side;
-    s->down = (image->height + s->side - 1) / s->side;
+    for (s->wide = 1; image->width > most * s->wide || image->height > most * s->wide; )
+        s->wide *= 2;
+    for (s->tall = s->wide; s->tall > 1 && image->height <= most / 4 * s->tall; )
+        s->tall /= 2;
+    while (s->wide > 1 && image->width <= most / 4 * s->wide)
+        s->wide /= 2;
+    s->across = (image->width + s->wide - 1) / s->wide;
+    s->down = (image->height + s->tall - 1) / s->tall;
     s->at = (envsamp__square *)envsamp__take(arena, (uint64_t)s->across * (uint64_t)s->down,
                                              sizeof(envsamp__square));
     s->middle = (double *)envsamp__take(arena, 2 * (uint64_t)s->across, sizeof(double));
@@ -7764,14 +7774,15 @@ static void envsamp__table_dir(const envsamp_image *image, int x0, int y0, int x
     float exact[3];
     int c;
 
+    if (image->mapping == ENVSAMP_OCTAHEDRAL) {
+        envsamp__middle_dir(image, x0, y0, x1, y1, exact);
+        for (c = 0; c < 3; c++)
+            dir[c] = (double)exact[c];
+        return;
+    }
     dir[0] = turn[0] * sine;
     dir[1] = turn[1] * sine;
     dir[2] = cosine;
-    if (image->mapping != ENVSAMP_OCTAHEDRAL)
-        return;
-    envsamp__middle_dir(image, x0, y0, x1, y1, exact);
-    for (c = 0; c < 3; c++)
-        dir[c] = (double)exact[c];
 }
 
 /* Direction of the middle of a texel. */
@@ -7786,27 +7797,27 @@ static size_t envsamp__make_square_row(envsamp__squares *s, int row)
 {
     size_t bad = 0;
     const envsamp_image *image = s->image;
-    int y0 = row * s->side, y1 = envsamp__min(y0 + s->side, image->height), x, i, c;
+    int y0 = row * s->tall, y1 = envsamp__min(y0 + s->tall, image->height), x, i, c;
     double polar = image->mapping == ENVSAMP_LATLONG ? 0.5 : 0.25, sine, cosine;
     double sum[4 * ENVSAMP__LANES], columns[ENVSAMP__LANES], dir[3];
 
     envsamp__sincos_pi(polar * (double)(y0 + y1) / (double)image->height, &sine, &cosine);
     for (x = 0; x < image->width; x += ENVSAMP__LANES) {
         int count = envsamp__min(ENVSAMP__LANES, image->width - x);
-        int step = envsamp__min(s->side, count);
+        int step = envsamp__min(s->wide, count);
 
         bad += envsamp__sum_texel_columns(s, x, count, y0, y1, sum, columns);
         for (i = 0; i < count; i += step) {
             double rgb[3] = { 0.0, 0.0, 0.0 }, sr = 0.0;
-            int square = (x + i) / s->side, k;
+            int square = (x + i) / s->wide, k;
 
             for (k = i; k < envsamp__min(i + step, count); k++) {
                 for (c = 0; c < envsamp__min(image->channels, 3); c++)
                     rgb[c] += sum[k * image->channels + c];
                 sr += columns[k];
             }
-            envsamp__table_dir(image, square * s->side, y0,
-                               envsamp__min((square + 1) * s->side, image->width), y1,
+            envsamp__table_dir(image, square * s->wide, y0,
+                               envsamp__min((square + 1) * s->wide, image->width), y1,
                                s->middle + 2 * square, sine, cosine, dir);
             envsamp__add_to_square(image, rgb, sr, dir, &s->at[row * s->across + square]);
         }
@@ -7823,7 +7834,7 @@ static size_t envsamp__make_squares(envsamp__squares *s)
 
     ENVSAMP_MEMSET(s->at, 0, (size_t)s->across * (size_t)s->down * sizeof *s->at);
     for (x = 0; x < s->across; x++)
-        envsamp__sincos_pi((double)(x * s->side + envsamp__min((x + 1) * s->side, width))
+        envsamp__sincos_pi((double)(x * s->wide + envsamp__min((x + 1) * s->wide, width))
                            / (double)width, &s->middle[2 * x + 1], &s->middle[2 * x]);
     for (x = 0; x < width; x++)
         envsamp__sincos_pi(2.0 * ((double)x + 0.5) / (double)width, &s->turn[2 * x + 1],
@@ -7884,8 +7895,8 @@ static envsamp__square envsamp__sum_squares(const envsamp__squares *s, int x0, i
     int x, y;
 
     ENVSAMP_MEMSET(&total, 0, sizeof total);
-    for (y = y0 / s->side; y * s->side < y1; y++)
-        for (x = x0 / s->side; x * s->side < x1; x++)
+    for (y = y0 / s->tall; y * s->tall < y1; y++)
+        for (x = x0 / s->wide; x * s->wide < x1; x++)
             envsamp__add_square(&s->at[y * s->across + x], &total);
     return total;
 }
@@ -7911,7 +7922,7 @@ static int envsamp__is_wide(const envsamp_image *image, int x0, int y0, int x1, 
    sphere as that of some light, which has this sum of luminance x direction. */
 static float envsamp__cone(double luminance, const double v[3])
 {
-    double r = ENVSAMP_SQRT(envsamp__dot(v, v)) / luminance;
+    double r = luminance > 0.0 ? ENVSAMP_SQRT(envsamp__dot(v, v)) / luminance : 1.0;
 
     return (float)envsamp__clamp(2.0 * r - 1.0, -1.0, 1.0);
 }
@@ -7976,8 +7987,10 @@ static void envsamp__fill_below(envsamp__cuts *cuts)
             row[0] += square->luminance;
             for (i = 0; i < 3; i++)
                 row[i + 1] += square->v[i];
-            row[4] += square->sr;
-            row[5] += square->sr > 0.0 ? square->luminance * square->luminance / square->sr : 0.0;
+            if (sums > 4 && square->sr > 0.0) {
+                row[4] += square->sr;
+                row[5] += square->luminance * square->luminance / square->sr;
+            }
             for (i = 0; i < sums; i++, at++)
                 *at = at[-stride] + row[i];
         }
@@ -8039,9 +8052,9 @@ static int envsamp__is_region_wide(const envsamp__cuts *cuts, const envsamp__reg
 {
     const envsamp__squares *s = &cuts->squares;
 
-    return envsamp__is_wide(s->image, r->x0 * s->side, r->y0 * s->side,
-                            envsamp__min(r->x1 * s->side, s->image->width),
-                            envsamp__min(r->y1 * s->side, s->image->height), longer);
+    return envsamp__is_wide(s->image, r->x0 * s->wide, r->y0 * s->tall,
+                            envsamp__min(r->x1 * s->wide, s->image->width),
+                            envsamp__min(r->y1 * s->tall, s->image->height), longer);
 }
 
 /* Where to cut a region across x, or y, that both parts are lit: the cost, or -1 if nowhere. A cost
@@ -8104,8 +8117,8 @@ static void envsamp__region_light(const envsamp__cuts *cuts, const envsamp__regi
                                   envsamp_light *light)
 {
     const envsamp__squares *s = &cuts->squares;
-    int x0 = region->x0 * s->side, x1 = envsamp__min(region->x1 * s->side, s->image->width);
-    int y0 = region->y0 * s->side, y1 = envsamp__min(region->y1 * s->side, s->image->height), c;
+    int x0 = region->x0 * s->wide, x1 = envsamp__min(region->x1 * s->wide, s->image->width);
+    int y0 = region->y0 * s->tall, y1 = envsamp__min(region->y1 * s->tall, s->image->height), c;
     envsamp__square sum = envsamp__sum_squares(s, x0, y0, x1, y1);
     double copies = (double)region->copies;
 
@@ -8153,33 +8166,35 @@ static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *l
 
 /* ---- relaxed ----
  *
- * The map is halved, the brightest part first, until there are as many parts as lights: these start
- * at their centroids. Parts are halved further, to pieces of at most 1/32 of a light's luminance or
- * single texels, each a direction with a weight. Lloyd's relaxation moves every light to the
- * centroid of the pieces that are nearest to it. Then directions and weights are sought that
- * minimise
+ * The map is halved into pieces of at most 1/32 of a light's luminance or single texels, each a
+ * direction with a weight. Of the pieces the lights start where those of one light are farthest
+ * from it; Lloyd's relaxation moves every light to the centroid of the pieces that are nearest to
+ * it. Then directions and weights are sought that minimise
  *
- *     2 sum_ij w_i m_j |x_i - p_j| - sum_ik w_i w_k |x_i - x_k|    with    sum w = sum m,
+ *     2 sum_ij w_i m_j |x_i - p_j| - sum_ik w_i w_k |x_i - x_k|    with    sum w = sum m, w >= 0,
  *
  * where x, w are the lights and p, m the pieces. This is, but for a constant, the squared error of
  * the light in a spherical cap, averaged over all caps [15]: what a horizon and the shadow of a
- * ball cut out of the map. For the weights it is a linear system of K + 1 equations, at last solved
- * channel by channel. For directions it is lowered by a step that puts x_i where
+ * ball cut out of the map. The weights fall to their minimum by exchanges between two lights, at
+ * last channel by channel. For directions it is lowered by a step that puts x_i where
  *
  *     sum_j m_j (x - p_j) / |x_i - p_j| = sum_k w_k (x_i - x_k) / |x_i - x_k|
  *
  * (chords to the pieces lie below parabolas that touch them where x_i was, those to other lights
- * above their tangents), with momentum [20] for each light that is not turned back.
- *
- * Other starts, objectives and weights give up to 40 % more error; starts from HALFTONE change as
- * the map is turned, and matching pursuit takes twice the time (bench/experiments.md).
+ * above their tangents), with momentum [20] for each light that is not turned back; the least sum
+ * met is kept. Then the light of least weight goes to where another has most to do, some rounds
+ * follow, and the lights go back if these did not lower the sum; and so on. Other starts and
+ * objectives: bench/experiments.md.
  */
 
 #define ENVSAMP__PIECES_PER_LIGHT 32        /* a piece has that part of a light's at most */
 #define ENVSAMP__PIECE_SQUARES 128          /* each way */
 #define ENVSAMP__PIECES_MAX 32768
-#define ENVSAMP__WEIGHED_MAX 128            /* lights: for more the system takes too long */
 #define ENVSAMP__DISTANCES_MAX (1 << 25)    /* in all rounds */
+#define ENVSAMP__RELAX_ROUNDS 8             /* of Lloyd's, before the moves */
+#define ENVSAMP__MOVE_ROUNDS 24             /* before a light is sent elsewhere, */
+#define ENVSAMP__TRIAL_ROUNDS 8             /* and after it */
+#define ENVSAMP__WEIGH_SWEEPS 64            /* of the weights, at last */
 #define ENVSAMP__POINTS 8                   /* pieces that are looked at together: a constant, so
                                                that compilers vectorise at -O2 too */
 
@@ -8191,58 +8206,78 @@ typedef struct envsamp__piece {
     envsamp__square sum;
 } envsamp__piece;
 
-/* Directions of some pieces, and their shares of luminance: of none, where there are no more. */
+/* Directions of some pieces or lights, and their shares: of none, where there are no more. */
 typedef struct envsamp__points {
     float x[ENVSAMP__POINTS], y[ENVSAMP__POINTS], z[ENVSAMP__POINTS], weight[ENVSAMP__POINTS];
 } envsamp__points;
+
+/* Sums over points: share / chord, times direction and alone, and share x chord. */
+typedef struct envsamp__field { double toward[3], share, chord; } envsamp__field;
+
+typedef struct envsamp__mover {
+    envsamp__field field;       /* of the pieces, where the light stands */
+    double chord;               /* mean chord to all lights */
+    double weight, best_weight; /* now, and where the energy was least, */
+    float best[3], next[3];     /* where the light was; and after a step, without momentum */
+    int tried;                  /* another was sent to it in vain */
+} envsamp__mover;
 
 typedef struct envsamp__relaxation {
     envsamp__squares squares;
     envsamp__piece *pieces;
     int count, most;
-    envsamp__points *points;    /* the pieces again, for loops over many of them */
-    int point_groups;
+    envsamp__points *points;    /* the pieces again, for loops over many of them, */
+    envsamp__points *places;    /* and the lights */
+    int lights;
     envsamp__square *sum;       /* of every light, over its pieces, */
     int *held;                  /* and how many it has */
-    float *axis, *was, *next;   /* count of lights x 3: their directions, before and after a step */
-    double *pull;               /* count of lights x 4: see envsamp__pull_light */
-    double *weight;             /* of each light, while they move */
-    double *system;             /* K + 1 rows of K + 4, for at most ENVSAMP__WEIGHED_MAX lights */
-    int lights;
+    float *axis;                /* count of lights x 3: directions */
+    envsamp__mover *movers;     /* more of each light */
+    double energy;              /* the least found */
+    float *row, *other;         /* chords from two of the lights to all */
+    float *reach;               /* squared chord of each piece to its light */
 } envsamp__relaxation;
+
+static uint64_t envsamp__point_groups(uint64_t points)
+{
+    return (points + ENVSAMP__POINTS - 1) / ENVSAMP__POINTS;
+}
 
 static void envsamp__relaxation_carve(envsamp__relaxation *r, const envsamp_image *image,
                                       const envsamp__grain *grain, int lights,
                                       envsamp__arena *arena)
 {
-    uint64_t rows = (uint64_t)lights + 1, most;
+    uint64_t count = (uint64_t)lights, most;
 
     ENVSAMP_MEMSET(r, 0, sizeof *r);
     r->lights = lights;
     envsamp__squares_carve(&r->squares, image, grain, ENVSAMP__PIECE_SQUARES, arena);
-    most = 1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * (uint64_t)lights;
+    most = 1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count;
     r->most = (int)(most < ENVSAMP__PIECES_MAX ? most : ENVSAMP__PIECES_MAX);
-    r->pieces = (envsamp__piece *)envsamp__take(arena, (uint64_t)r->most, sizeof(envsamp__piece));
-    most = ((uint64_t)r->most + ENVSAMP__POINTS - 1) / ENVSAMP__POINTS;
-    r->points = (envsamp__points *)envsamp__take(arena, most, sizeof(envsamp__points));
-    r->sum = (envsamp__square *)envsamp__take(arena, (uint64_t)lights, sizeof(envsamp__square));
-    r->held = (int *)envsamp__take(arena, (uint64_t)lights, sizeof(int));
-    r->pull = (double *)envsamp__take(arena, 4 * (uint64_t)lights, sizeof(double));
-    r->weight = (double *)envsamp__take(arena, (uint64_t)lights, sizeof(double));
-    r->axis = (float *)envsamp__take(arena, 3 * (uint64_t)lights, sizeof(float));
-    r->was = (float *)envsamp__take(arena, 3 * (uint64_t)lights, sizeof(float));
-    r->next = (float *)envsamp__take(arena, 3 * (uint64_t)lights, sizeof(float));
-    if (lights <= ENVSAMP__WEIGHED_MAX)
-        r->system = (double *)envsamp__take(arena, rows * (rows + 3), sizeof(double));
+    most = (uint64_t)r->most;
+    r->pieces = (envsamp__piece *)envsamp__take(arena, most, sizeof(envsamp__piece));
+    r->points = (envsamp__points *)envsamp__take(arena, envsamp__point_groups(most),
+                                                 sizeof(envsamp__points));
+    r->places = (envsamp__points *)envsamp__take(arena, envsamp__point_groups(count),
+                                                 sizeof(envsamp__points));
+    r->sum = (envsamp__square *)envsamp__take(arena, count, sizeof(envsamp__square));
+    r->held = (int *)envsamp__take(arena, count, sizeof(int));
+    r->axis = (float *)envsamp__take(arena, 3 * count, sizeof(float));
+    r->movers = (envsamp__mover *)envsamp__take(arena, count, sizeof(envsamp__mover));
+    count = envsamp__point_groups(count) * ENVSAMP__POINTS;
+    r->row = (float *)envsamp__take(arena, count, sizeof(float));
+    r->other = (float *)envsamp__take(arena, count, sizeof(float));
+    most = envsamp__point_groups(most) * ENVSAMP__POINTS;
+    r->reach = (float *)envsamp__take(arena, most, sizeof(float));
 }
 
 /* A rectangle of the map: whole squares, or within one of them. */
 static envsamp__piece envsamp__make_piece(const envsamp__relaxation *r, int x0, int y0, int x1,
                                           int y1)
 {
-    int whole = x0 % r->squares.side == 0 && y0 % r->squares.side == 0
-             && (x1 % r->squares.side == 0 || x1 == r->squares.image->width)
-             && (y1 % r->squares.side == 0 || y1 == r->squares.image->height);
+    int whole = x0 % r->squares.wide == 0 && y0 % r->squares.tall == 0
+             && (x1 % r->squares.wide == 0 || x1 == r->squares.image->width)
+             && (y1 % r->squares.tall == 0 || y1 == r->squares.image->height);
     envsamp__piece piece;
 
     ENVSAMP_MEMSET(&piece, 0, sizeof piece);
@@ -8270,17 +8305,17 @@ static int envsamp__middle(int from, int to, int side)
 static void envsamp__halve_piece(envsamp__relaxation *r, int i)
 {
     envsamp__piece p = r->pieces[i], rest;
-    int x = p.x1, y = p.y1, side = r->squares.side, wide;
-    int unit = p.x1 - p.x0 > side || p.y1 - p.y0 > side ? side : 1;
+    int x = p.x1, y = p.y1, wide = r->squares.wide, tall = r->squares.tall, across;
+    int whole = x - p.x0 > wide || y - p.y0 > tall;
 
-    if ((p.x1 - p.x0 > unit) != (p.y1 - p.y0 > unit))
-        wide = p.x1 - p.x0 > unit;
+    if ((x - p.x0 > (whole ? wide : 1)) != (y - p.y0 > (whole ? tall : 1)))
+        across = x - p.x0 > (whole ? wide : 1);
     else
-        wide = envsamp__is_wide(r->squares.image, p.x0, p.y0, p.x1, p.y1, NULL);
-    if (wide)
-        x = envsamp__middle(p.x0, p.x1, side);
+        across = envsamp__is_wide(r->squares.image, p.x0, p.y0, p.x1, p.y1, NULL);
+    if (across)
+        x = envsamp__middle(p.x0, p.x1, wide);
     else
-        y = envsamp__middle(p.y0, p.y1, side);
+        y = envsamp__middle(p.y0, p.y1, tall);
     r->pieces[i] = envsamp__make_piece(r, p.x0, p.y0, x, y);
     rest = x < p.x1 ? envsamp__make_piece(r, x, p.y0, p.x1, p.y1)
                     : envsamp__make_piece(r, p.x0, y, p.x1, p.y1);
@@ -8295,30 +8330,16 @@ static int envsamp__is_texel(const envsamp__piece *p)
     return p->x1 - p->x0 == 1 && p->y1 - p->y0 == 1;
 }
 
-/* Of the pieces that can be halved that of most luminance; -1 if there is none. */
-static int envsamp__brightest_piece(const envsamp__relaxation *r)
-{
-    double most = 0.0;
-    int i, at = -1;
-
-    for (i = 0; i < r->count; i++)
-        if (r->pieces[i].sum.luminance > most && !envsamp__is_texel(&r->pieces[i])) {
-            most = r->pieces[i].sum.luminance;
-            at = i;
-        }
-    return at;
-}
-
 /* Halves every piece once that is large, or brighter than `most`; returns how many there were. */
 static int envsamp__halve_pieces(envsamp__relaxation *r, double most)
 {
-    int large = 4 * r->squares.side, count = r->count, halved = 0, i;
+    int wide = 8 * r->squares.wide, tall = 8 * r->squares.tall, count = r->count, halved = 0, i;
 
     for (i = 0; i < count && r->count < r->most; i++) {
         const envsamp__piece *p = &r->pieces[i];
 
-        if (!envsamp__is_texel(p) && (p->sum.luminance > most || p->x1 - p->x0 > large
-                                      || p->y1 - p->y0 > large)) {
+        if (!envsamp__is_texel(p) && (p->sum.luminance > most || p->x1 - p->x0 > wide
+                                      || p->y1 - p->y0 > tall)) {
             envsamp__halve_piece(r, i);
             halved++;
         }
@@ -8326,103 +8347,122 @@ static int envsamp__halve_pieces(envsamp__relaxation *r, double most)
     return halved;
 }
 
-/* Takes the map apart into as many pieces as there are lights, by halving the brightest, again and
-   again: where the lights start. Then halves all that are too large or too bright, in turns, so
-   that where there are too many no part of the map is left whole. */
+/* Takes the map apart: halves all pieces that are too large or too bright, in turns, so that where
+   there are too many no part of the map is left whole; then less bright ones, if there is room. */
 static void envsamp__make_pieces(envsamp__relaxation *r, double luminance)
 {
     double most = luminance / (double)(ENVSAMP__PIECES_PER_LIGHT * r->lights);
-    int i;
 
     r->pieces[0] = envsamp__make_piece(r, 0, 0, r->squares.image->width, r->squares.image->height);
     r->count = 1;
-    while (r->count < envsamp__min(r->lights, r->most) && (i = envsamp__brightest_piece(r)) >= 0)
-        envsamp__halve_piece(r, i);
-    for (i = 0; i < envsamp__min(r->count, r->lights); i++)
-        ENVSAMP_MEMCPY(r->axis + 3 * i, r->pieces[i].dir, sizeof r->pieces[i].dir);
     while (r->count < r->most && envsamp__halve_pieces(r, most))
         continue;
+    while (r->count < r->most / 2 && most > 0.0) {
+        most = most > 1e-9 * luminance ? 0.5 * most : 0.0;
+        while (r->count < r->most / 2 && envsamp__halve_pieces(r, most))
+            continue;
+    }
 }
 
-/* Copies the pieces' directions and luminance to where loops over them are fast. */
-static void envsamp__fill_points(envsamp__relaxation *r, double luminance)
+/* Sets one of some points. */
+static void envsamp__set_point(envsamp__points *points, int i, const float dir[3], double weight)
+{
+    envsamp__points *group = &points[i / ENVSAMP__POINTS];
+
+    group->x[i % ENVSAMP__POINTS] = dir[0];
+    group->y[i % ENVSAMP__POINTS] = dir[1];
+    group->z[i % ENVSAMP__POINTS] = dir[2];
+    group->weight[i % ENVSAMP__POINTS] = (float)weight;
+}
+
+/* Copies the pieces' directions, and their shares of luminance or of a channel, 0 to 2, to where
+   loops over them are fast. */
+static void envsamp__fill_points(envsamp__relaxation *r, int channel, double total)
 {
     int i;
 
-    r->point_groups = (r->count + ENVSAMP__POINTS - 1) / ENVSAMP__POINTS;
-    ENVSAMP_MEMSET(r->points, 0, (size_t)r->point_groups * sizeof *r->points);
+    ENVSAMP_MEMSET(r->points, 0, (size_t)envsamp__point_groups((uint64_t)r->count)
+                                 * sizeof *r->points);
     for (i = 0; i < r->count; i++) {
-        const envsamp__piece *p = &r->pieces[i];
-        envsamp__points *group = &r->points[i / ENVSAMP__POINTS];
-        int at = i % ENVSAMP__POINTS;
+        const envsamp__square *sum = &r->pieces[i].sum;
+        double weight = channel < 0 ? sum->luminance : sum->rgb[channel];
 
-        group->x[at] = p->dir[0];
-        group->y[at] = p->dir[1];
-        group->z[at] = p->dir[2];
-        group->weight[at] = (float)(p->sum.luminance / luminance);
+        envsamp__set_point(r->points, i, r->pieces[i].dir, total > 0.0 ? weight / total : 0.0);
     }
 }
 
-/* The lights that are nearest to some pieces. */
-static void envsamp__nearest_lights(const envsamp__relaxation *r, const envsamp__points *p,
-                                    int32_t light[ENVSAMP__POINTS])
+/* The share of a piece. */
+static double envsamp__share(const envsamp__relaxation *r, int i)
 {
-    float best[ENVSAMP__POINTS], cosine[ENVSAMP__POINTS];
-    const float *axis = r->axis;
-    int i, k;
+    return (double)r->points[i / ENVSAMP__POINTS].weight[i % ENVSAMP__POINTS];
+}
+
+/* Squared chords between some points and a direction. */
+static void envsamp__square_chords(const envsamp__points *p, const float *axis,
+                                   float square[ENVSAMP__POINTS])
+{
+    int i;
 
     for (i = 0; i < ENVSAMP__POINTS; i++) {
-        best[i] = -2.0f;
-        light[i] = 0;
-    }
-    for (k = 0; k < r->lights; k++, axis += 3) {
-        for (i = 0; i < ENVSAMP__POINTS; i++)
-            cosine[i] = p->x[i] * axis[0] + p->y[i] * axis[1] + p->z[i] * axis[2];
-        for (i = 0; i < ENVSAMP__POINTS; i++) {
-            int32_t take = -(int32_t)(cosine[i] > best[i]);     /* no branches, for vectors */
+        float x = p->x[i] - axis[0], y = p->y[i] - axis[1], z = p->z[i] - axis[2];
 
-            light[i] = (k & take) | (light[i] & ~take);
-            best[i] = cosine[i] > best[i] ? cosine[i] : best[i];
-        }
+        square[i] = x * x + y * y + z * z;
     }
 }
 
-/* Gives every piece to the nearest light; returns how many changed hands. */
-static int envsamp__assign_pieces(envsamp__relaxation *r)
+/* Gives a light the pieces that are nearer to it than to theirs. */
+static void envsamp__take_pieces(envsamp__relaxation *r, int k)
 {
-    int32_t light[ENVSAMP__POINTS];
-    int moved = 0, i, k;
+    float square[ENVSAMP__POINTS];
+    int i, c;
 
     for (i = 0; i < r->count; i += ENVSAMP__POINTS) {
-        envsamp__nearest_lights(r, &r->points[i / ENVSAMP__POINTS], light);
-        for (k = 0; k < ENVSAMP__POINTS && i + k < r->count; k++) {
-            envsamp__piece *p = &r->pieces[i + k];
-
-            moved += light[k] != p->light;
-            p->light = light[k];
-        }
+        envsamp__square_chords(&r->points[i / ENVSAMP__POINTS], r->axis + 3 * k, square);
+        for (c = 0; c < ENVSAMP__POINTS && i + c < r->count; c++)
+            if (square[c] < r->reach[i + c]) {
+                r->reach[i + c] = square[c];
+                r->pieces[i + c].light = k;
+            }
     }
-    return moved;
+}
+
+/* Leaves all pieces to the first light, farther away than they can be. */
+static void envsamp__drop_pieces(envsamp__relaxation *r)
+{
+    int i;
+
+    for (i = 0; i < r->count; i++) {
+        r->pieces[i].light = 0;
+        r->reach[i] = 5.0f;
+    }
+}
+
+/* Gives every piece to the nearest light. */
+static void envsamp__assign_pieces(envsamp__relaxation *r)
+{
+    int k;
+
+    envsamp__drop_pieces(r);
+    for (k = 0; k < r->lights; k++)
+        envsamp__take_pieces(r, k);
 }
 
 /* The piece that is worst off with its light, most luminance, farthest away, of those that are not
    alone with it. */
-static envsamp__piece *envsamp__worst_piece(const envsamp__relaxation *r)
+static int envsamp__worst_piece(const envsamp__relaxation *r)
 {
-    double worst = -DBL_MAX;        /* a cosine of floats may be above 1 */
+    double worst = -1.0;
     int at = 0, i;
 
     for (i = 0; i < r->count; i++) {
         const envsamp__piece *p = &r->pieces[i];
-        const float *axis = r->axis + 3 * p->light;
-        double cosine = (double)(p->dir[0] * axis[0] + p->dir[1] * axis[1] + p->dir[2] * axis[2]);
 
-        if (r->held[p->light] > 1 && p->sum.luminance * (1.0 - cosine) > worst) {
-            worst = p->sum.luminance * (1.0 - cosine);
+        if (r->held[p->light] > 1 && p->sum.luminance * (double)r->reach[i] > worst) {
+            worst = p->sum.luminance * (double)r->reach[i];
             at = i;
         }
     }
-    return &r->pieces[at];
+    return at;
 }
 
 /* Gives each light that has no piece the worst one, and lets it stand there. There are no fewer
@@ -8436,249 +8476,344 @@ static void envsamp__feed_lights(envsamp__relaxation *r)
         r->held[r->pieces[i].light]++;
     for (k = 0; k < r->lights; k++)
         if (r->held[k] == 0) {
-            envsamp__piece *p = envsamp__worst_piece(r);
+            envsamp__piece *p = &r->pieces[i = envsamp__worst_piece(r)];
 
             r->held[p->light]--;
             r->held[k] = 1;
             p->light = k;
-            ENVSAMP_MEMCPY(r->axis + 3 * k, p->dir, sizeof p->dir);
+            r->reach[i] = 0.0f;
         }
 }
 
-/* Sums over the pieces of every light. */
+/* Sums over the pieces of every light, and weights by their shares. */
 static void envsamp__sum_pieces(envsamp__relaxation *r)
 {
     int i;
 
-    envsamp__feed_lights(r);
     ENVSAMP_MEMSET(r->sum, 0, (size_t)r->lights * sizeof *r->sum);
-    for (i = 0; i < r->count; i++)
+    for (i = 0; i < r->lights; i++)
+        r->movers[i].weight = 0.0;
+    for (i = 0; i < r->count; i++) {
         envsamp__add_square(&r->pieces[i].sum, &r->sum[r->pieces[i].light]);
+        r->movers[r->pieces[i].light].weight += envsamp__share(r, i);
+    }
 }
 
-/* Moves every light to the centroid of its pieces. */
-static void envsamp__centre_lights(envsamp__relaxation *r)
+/* Moves every light to the centroid of its pieces; returns 0 if none moves. */
+static int envsamp__centre_lights(envsamp__relaxation *r)
+{
+    int moved = 0, k;
+
+    envsamp__feed_lights(r);
+    envsamp__sum_pieces(r);
+    for (k = 0; k < r->lights; k++) {
+        float *axis = r->axis + 3 * k, was[3];
+
+        ENVSAMP_MEMCPY(was, axis, sizeof was);
+        envsamp__normalise(r->sum[k].v, axis);
+        moved += ENVSAMP_MEMCMP(was, axis, sizeof was) != 0;
+    }
+    return moved;
+}
+
+/* Lloyd's relaxation, until no light moves. */
+static void envsamp__relax(envsamp__relaxation *r, int rounds)
+{
+    envsamp__assign_pieces(r);
+    rounds = envsamp__min(rounds, 1 + ENVSAMP__DISTANCES_MAX / (r->count * r->lights));
+    for (; rounds > 0 && envsamp__centre_lights(r); rounds--)
+        envsamp__assign_pieces(r);
+}
+
+/* ---- energy of relaxed lights ---- */
+
+/* Sums over groups of points; at most ENVSAMP__POINTS x ENVSAMP__POINTS points in floats. */
+static void envsamp__sum_field(const envsamp__points *p, uint64_t groups, const float *axis,
+                               envsamp__field *field)
+{
+    double all[5] = { 0.0, 0.0, 0.0, 0.0, 0.0 };
+    int g, i, c;
+
+    for (; groups > 0; groups -= (uint64_t)g) {
+        float sum[5][ENVSAMP__POINTS], chord[ENVSAMP__POINTS];
+
+        ENVSAMP_MEMSET(sum, 0, sizeof sum);
+        for (g = 0; g < 2 * ENVSAMP__POINTS && (uint64_t)g < groups; g++, p++) {
+            envsamp__square_chords(p, axis, chord);
+            for (i = 0; i < ENVSAMP__POINTS; i++)
+                chord[i] += 1e-12f;         /* of a light that stands on a piece */
+            envsamp__sqrt_n(chord, ENVSAMP__POINTS);
+            for (i = 0; i < ENVSAMP__POINTS; i++) {
+                float share = p->weight[i] / chord[i];
+
+                sum[0][i] += share * p->x[i];
+                sum[1][i] += share * p->y[i];
+                sum[2][i] += share * p->z[i];
+                sum[3][i] += share;
+                sum[4][i] += p->weight[i] * chord[i];
+            }
+        }
+        for (c = 0; c < 5; c++)
+            for (i = 0; i < ENVSAMP__POINTS; i++)
+                all[c] += (double)sum[c][i];
+    }
+    ENVSAMP_MEMCPY(field->toward, all, sizeof field->toward);
+    field->share = all[3];
+    field->chord = all[4];
+}
+
+/* The same over the lights but one, where that stands. */
+static void envsamp__sum_others(const envsamp__relaxation *r, int k, envsamp__field *field)
+{
+    float *weight = &r->places[k / ENVSAMP__POINTS].weight[k % ENVSAMP__POINTS], kept = *weight;
+
+    *weight = 0.0f;
+    envsamp__sum_field(r->places, envsamp__point_groups((uint64_t)r->lights), r->axis + 3 * k,
+                       field);
+    *weight = kept;
+}
+
+/* Chords from a light to all. */
+static void envsamp__fill_row(const envsamp__relaxation *r, int k, float *row)
+{
+    int i;
+
+    for (i = 0; i < r->lights; i += ENVSAMP__POINTS) {
+        envsamp__square_chords(&r->places[i / ENVSAMP__POINTS], r->axis + 3 * k, row + i);
+        envsamp__sqrt_n(row + i, ENVSAMP__POINTS);
+    }
+}
+
+static void envsamp__place_lights(envsamp__relaxation *r)
 {
     int k;
 
-    envsamp__sum_pieces(r);
+    ENVSAMP_MEMSET(r->places, 0, (size_t)envsamp__point_groups((uint64_t)r->lights)
+                                 * sizeof *r->places);
     for (k = 0; k < r->lights; k++)
-        envsamp__normalise(r->sum[k].v, r->axis + 3 * k);
+        envsamp__set_point(r->places, k, r->axis + 3 * k, r->movers[k].weight);
 }
 
-/* Lloyd's relaxation, until no piece changes hands. */
-static void envsamp__relax(envsamp__relaxation *r, int rounds)
+/* Fields and chords of the lights where they are now. */
+static void envsamp__measure_lights(envsamp__relaxation *r)
 {
-    int moved = 1, i;
+    envsamp__field others;
+    int k;
 
-    envsamp__assign_pieces(r);
-    rounds = envsamp__min(rounds, 1 + ENVSAMP__DISTANCES_MAX / (r->count * r->lights));
-    for (i = 0; i < rounds && moved; i++) {
-        envsamp__centre_lights(r);
-        moved = envsamp__assign_pieces(r);
+    envsamp__place_lights(r);
+    for (k = 0; k < r->lights; k++) {
+        envsamp__sum_field(r->points, envsamp__point_groups((uint64_t)r->count), r->axis + 3 * k,
+                           &r->movers[k].field);
+        envsamp__sum_others(r, k, &others);
+        r->movers[k].chord = others.chord;
     }
+}
+
+/* How much the energy rises by a light's weight, for each light half as fast. */
+static double envsamp__slope(const envsamp__mover *m)
+{
+    return m->field.chord - m->chord;
+}
+
+static double envsamp__energy(const envsamp__relaxation *r)
+{
+    double sum = 0.0;
+    int k;
+
+    for (k = 0; k < r->lights; k++)
+        sum += r->movers[k].weight * (r->movers[k].field.chord + envsamp__slope(&r->movers[k]));
+    return sum;
 }
 
 /* ---- weights of relaxed lights ---- */
 
-static double envsamp__chord(const float a[3], const float b[3])
+/* What one light gives another at a chord, so that the energy is least: *step, which may be below
+   0. Returns half of what the energy falls. */
+static double envsamp__best_exchange(const envsamp__mover *from, const envsamp__mover *to,
+                                     float chord, double *step)
 {
-    double x = (double)a[0] - (double)b[0], y = (double)a[1] - (double)b[1];
-    double z = (double)a[2] - (double)b[2];
+    double fall = envsamp__slope(from) - envsamp__slope(to);
 
-    return ENVSAMP_SQRT(x * x + y * y + z * z);
+    *step = 0.0;
+    if (chord > 1e-9f)
+        *step = envsamp__clamp(fall / (2.0 * (double)chord), -to->weight, from->weight);
+    return *step * (fall - *step * (double)chord);
 }
 
-static void envsamp__swap_rows(double *a, double *b, int count)
+/* Lets each light exchange weight with that with which the energy falls most, in turns. */
+static void envsamp__weigh_lights(envsamp__relaxation *r, int sweeps)
 {
-    int i;
+    envsamp__mover *m = r->movers;
+    double most = 1.0, step, gain, fall;
+    int k, i, with;
 
-    for (i = 0; i < count && a != b; i++) {
-        double kept = a[i];
-
-        a[i] = b[i];
-        b[i] = kept;
-    }
-}
-
-/* Solves the system of `rows` equations with three right-hand sides that stand behind them; these
-   become the solutions. Returns 0 if it is singular. */
-static int envsamp__solve(double *system, int rows)
-{
-    int columns = rows + 3, pivot, row, i, k;
-
-    for (i = 0; i < rows; i++) {
-        double *at = system + (size_t)i * (size_t)columns;
-
-        for (pivot = i, row = i + 1; row < rows; row++)
-            if (ENVSAMP__FABS(system[(size_t)row * (size_t)columns + (size_t)i])
-                > ENVSAMP__FABS(system[(size_t)pivot * (size_t)columns + (size_t)i]))
-                pivot = row;
-        envsamp__swap_rows(at, system + (size_t)pivot * (size_t)columns, columns);
-        if (!(ENVSAMP__FABS(at[i]) > 1e-9))
-            return 0;
-        for (row = 0; row < rows; row++) {
-            double *other = system + (size_t)row * (size_t)columns, factor = other[i] / at[i];
-
-            for (k = i; k < columns && row != i; k++)
-                other[k] -= factor * at[k];
+    for (; sweeps > 0 && most > 1e-7; sweeps--)
+        for (most = 0.0, k = 0; k < r->lights; k++) {
+            envsamp__fill_row(r, k, r->row);
+            for (gain = 0.0, with = k, i = 0; i < r->lights; i++)
+                if ((fall = envsamp__best_exchange(&m[k], &m[i], r->row[i], &step)) > gain) {
+                    gain = fall;
+                    with = i;
+                }
+            envsamp__best_exchange(&m[k], &m[with], r->row[with], &step);
+            most = envsamp__max(most, ENVSAMP__FABS(step));
+            m[k].weight -= step;
+            m[with].weight += step;
+            envsamp__fill_row(r, with, r->other);
+            for (i = 0; i < r->lights; i++)
+                m[i].chord += step * ((double)r->other[i] - (double)r->row[i]);
         }
-    }
-    for (i = 0; i < rows; i++)
-        for (row = 0; row < 3; row++)
-            system[(size_t)i * (size_t)columns + (size_t)(rows + row)]
-                /= system[(size_t)i * (size_t)columns + (size_t)i];
-    return 1;
-}
-
-/* Left-hand sides: chords between lights, bordered by ones. Right-hand sides: 0. */
-static void envsamp__fill_chords(const envsamp__relaxation *r)
-{
-    int rows = r->lights + 1, columns = rows + 3, i, k;
-
-    ENVSAMP_MEMSET(r->system, 0, (size_t)rows * (size_t)columns * sizeof(double));
-    for (i = 0; i < rows; i++) {
-        double *row = r->system + (size_t)i * (size_t)columns;
-
-        for (k = 0; k < r->lights; k++)
-            row[k] = i < r->lights ? envsamp__chord(r->axis + 3 * i, r->axis + 3 * k) : 1.0;
-        row[r->lights] = i < r->lights ? 1.0 : 0.0;
-    }
-}
-
-/* Right-hand sides: mean chords to the pieces of each channel, and its integral. */
-static void envsamp__fill_channels(const envsamp__relaxation *r, const double integral[3])
-{
-    int columns = r->lights + 4, i, k, c;
-
-    for (i = 0; i <= r->lights; i++) {
-        double *right = r->system + (size_t)i * (size_t)columns + r->lights + 1;
-
-        for (k = 0; k < r->count && i < r->lights; k++) {
-            double chord = envsamp__chord(r->axis + 3 * i, r->pieces[k].dir);
-
-            for (c = 0; c < 3; c++)
-                right[c] += chord * r->pieces[k].sum.rgb[c];
-        }
-        for (c = 0; c < 3 && i == r->lights; c++)
-            right[c] = integral[c];
-    }
 }
 
 /* ---- moves of relaxed lights ---- */
 
-/* Sums over the pieces: luminance / chord to a light, times direction and alone. */
-static void envsamp__pull_light(const envsamp__relaxation *r, const float *axis, double pull[4])
-{
-    float sum[4][ENVSAMP__POINTS], chord[ENVSAMP__POINTS];
-    const envsamp__points *p = r->points;
-    int group, i, c;
-
-    ENVSAMP_MEMSET(sum, 0, sizeof sum);
-    for (group = 0; group < r->point_groups; group++, p++) {
-        for (i = 0; i < ENVSAMP__POINTS; i++) {
-            float x = p->x[i] - axis[0], y = p->y[i] - axis[1], z = p->z[i] - axis[2];
-
-            chord[i] = x * x + y * y + z * z + 1e-6f;
-        }
-        envsamp__sqrt_n(chord, ENVSAMP__POINTS);
-        for (i = 0; i < ENVSAMP__POINTS; i++) {
-            float share = p->weight[i] / chord[i];
-
-            sum[0][i] += share * p->x[i];
-            sum[1][i] += share * p->y[i];
-            sum[2][i] += share * p->z[i];
-            sum[3][i] += share;
-        }
-    }
-    for (c = 0; c < 4; c++)
-        for (pull[c] = 0.0, i = 0; i < ENVSAMP__POINTS; i++)
-            pull[c] += (double)sum[c][i];
-}
-
-/* Weights of the lights, by luminance, where they are now. */
-static void envsamp__weigh_moving(envsamp__relaxation *r)
-{
-    size_t columns = (size_t)r->lights + 4, last = (size_t)r->lights + 1;
-    double sum = 0.0;
-    int k;
-
-    envsamp__fill_chords(r);
-    for (k = 0; k < r->lights; k++) {       /* a chord is its square over itself */
-        const double *pull = r->pull + 4 * k;
-        const float *axis = r->axis + 3 * k;
-
-        r->system[(size_t)k * columns + last] = 2.0 * (pull[3] - pull[0] * (double)axis[0]
-                                                       - pull[1] * (double)axis[1]
-                                                       - pull[2] * (double)axis[2]);
-    }
-    r->system[(size_t)r->lights * columns + last] = 1.0;
-    if (!envsamp__solve(r->system, r->lights + 1))
-        return;
-    for (k = 0; k < r->lights; k++) {
-        r->weight[k] = envsamp__max(r->system[(size_t)k * columns + last], 0.0);
-        sum += r->weight[k];
-    }
-    for (k = 0; k < r->lights; k++)
-        r->weight[k] /= sum;
-}
-
-/* Where a light goes: the other lights push it off, the pieces pull. */
-static void envsamp__step_light(const envsamp__relaxation *r, int k, float next[3])
-{
-    const double *pull = r->pull + 4 * k;
-    const float *axis = r->axis + 3 * k, *other = r->axis;
-    double v[3];
-    int i, c;
-
-    ENVSAMP_MEMCPY(v, pull, sizeof v);
-    for (i = 0; i < r->lights; i++, other += 3) {
-        double push = r->weight[i] / (envsamp__chord(axis, other) + 1e-3);
-
-        for (c = 0; c < 3; c++)
-            v[c] += push * ((double)axis[c] - (double)other[c]);
-    }
-    ENVSAMP_MEMCPY(next, axis, 3 * sizeof *next);
-    envsamp__normalise(v, next);
-}
-
-/* Takes a step with all lights, and lets go on as it went each that is not turned back. */
+/* Takes a step with all lights: the other lights push each off, the pieces pull. Lets go on as it
+   went each that is not turned back. */
 static void envsamp__step_lights(envsamp__relaxation *r, double momentum)
 {
-    float *next = r->next;
-    int i, k;
+    int k, c;
 
-    for (k = 0; k < r->lights; k++)
-        envsamp__step_light(r, k, next + 3 * k);
+    envsamp__place_lights(r);
     for (k = 0; k < r->lights; k++) {
-        double went[3], v[3], along = 0.0;
+        const envsamp__field *pull = &r->movers[k].field;
+        envsamp__field push;
+        float *axis = r->axis + 3 * k, *was = r->movers[k].next, to[3];
+        double v[3], went[3], along = 0.0;
 
-        for (i = 0; i < 3; i++) {
-            went[i] = (double)next[3 * k + i] - (double)r->was[3 * k + i];
-            along += went[i] * ((double)next[3 * k + i] - (double)r->axis[3 * k + i]);
+        envsamp__sum_others(r, k, &push);
+        for (c = 0; c < 3; c++)
+            v[c] = pull->toward[c] + push.share * (double)axis[c] - push.toward[c];
+        ENVSAMP_MEMCPY(to, axis, sizeof to);
+        envsamp__normalise(v, to);
+        for (c = 0; c < 3; c++) {
+            went[c] = (double)to[c] - (double)was[c];
+            along += went[c] * ((double)to[c] - (double)axis[c]);
         }
-        for (i = 0; i < 3; i++)
-            v[i] = (double)next[3 * k + i] + (along < 0.0 ? 0.0 : momentum * went[i]);
-        envsamp__normalise(v, r->axis + 3 * k);
+        for (c = 0; c < 3; c++)
+            v[c] = (double)to[c] + (along < 0.0 ? 0.0 : momentum * went[c]);
+        ENVSAMP_MEMCPY(was, to, sizeof to);
+        envsamp__normalise(v, axis);
     }
-    ENVSAMP_MEMCPY(r->was, next, 3 * (size_t)r->lights * sizeof *next);
 }
 
+/* Keeps the lights as they are if that is the best so far. */
+static void envsamp__keep_lights(envsamp__relaxation *r)
+{
+    double energy = envsamp__energy(r);
+    int k;
+
+    for (k = 0; k < r->lights && energy < r->energy; k++) {
+        ENVSAMP_MEMCPY(r->movers[k].best, r->axis + 3 * k, sizeof r->movers[k].best);
+        r->movers[k].best_weight = r->movers[k].weight;
+    }
+    r->energy = energy < r->energy ? energy : r->energy;
+}
+
+/* Takes them back to there. */
+static void envsamp__restore_lights(envsamp__relaxation *r)
+{
+    int k;
+
+    for (k = 0; k < r->lights; k++) {
+        ENVSAMP_MEMCPY(r->axis + 3 * k, r->movers[k].best, sizeof r->movers[k].best);
+        r->movers[k].weight = r->movers[k].best_weight;
+    }
+    envsamp__measure_lights(r);
+}
+
+/* Some rounds of moves, and weights after each and before. */
 static void envsamp__move_lights(envsamp__relaxation *r, int rounds)
 {
     int i, k;
 
-    rounds = envsamp__min(rounds, 1 + ENVSAMP__DISTANCES_MAX / (r->count * r->lights));
-    ENVSAMP_MEMCPY(r->was, r->axis, 3 * (size_t)r->lights * sizeof *r->was);
-    for (i = 0; i < rounds; i++) {
-        for (k = 0; k < r->lights; k++)
-            envsamp__pull_light(r, r->axis + 3 * k, r->pull + 4 * k);
-        if (i % 3 == 0)
-            envsamp__weigh_moving(r);
-        envsamp__step_lights(r, (double)i / (double)(i + 3));
+    for (i = 0; i <= rounds; i++) {
+        envsamp__measure_lights(r);
+        envsamp__weigh_lights(r, 2);
+        envsamp__keep_lights(r);
+        for (k = 0; k < r->lights && i == 0; k++)
+            ENVSAMP_MEMCPY(r->movers[k].next, r->axis + 3 * k, sizeof r->movers[k].next);
+        if (i < rounds)
+            envsamp__step_lights(r, (double)i / (double)(i + 3));
     }
-    ENVSAMP_MEMCPY(r->axis, r->was, 3 * (size_t)r->lights * sizeof *r->was);
 }
+
+/* ---- lights sent elsewhere ---- */
+
+/* What a piece adds to the work of its light: share x chord. */
+static double envsamp__piece_work(const envsamp__relaxation *r, int i)
+{
+    return envsamp__share(r, i) * (double)ENVSAMP_SQRTF(r->reach[i]);
+}
+
+/* The piece with most work of the light with most weight x work of those not tried, but one; -1 if
+   there is none. */
+static int envsamp__busy_piece(envsamp__relaxation *r, int but)
+{
+    double most = 0.0, work = 0.0;
+    int i, k, busy = -1, at = -1;
+
+    for (k = 0; k < r->lights; k++)
+        r->movers[k].chord = 0.0;
+    for (i = 0; i < r->count; i++)
+        r->movers[r->pieces[i].light].chord += envsamp__piece_work(r, i);
+    for (k = 0; k < r->lights; k++) {
+        const envsamp__mover *m = &r->movers[k];
+
+        if (k != but && !m->tried && m->weight * m->chord > most) {
+            most = m->weight * m->chord;
+            busy = k;
+        }
+    }
+    for (i = 0; i < r->count; i++)
+        if (r->pieces[i].light == busy && envsamp__piece_work(r, i) > work) {
+            work = envsamp__piece_work(r, i);
+            at = i;
+        }
+    return at;
+}
+
+/* Sends the light of least weight to where another has most to do; returns 0 if all were tried. */
+static int envsamp__send_light(envsamp__relaxation *r)
+{
+    int idle = 0, k;
+
+    for (k = 1; k < r->lights; k++)
+        idle = r->movers[k].weight < r->movers[idle].weight ? k : idle;
+    envsamp__assign_pieces(r);
+    k = envsamp__busy_piece(r, idle);
+    if (k < 0)
+        return 0;
+    r->movers[r->pieces[k].light].tried = 1;
+    ENVSAMP_MEMCPY(r->axis + 3 * idle, r->pieces[k].dir, sizeof r->pieces[k].dir);
+    return 1;
+}
+
+static void envsamp__clear_tried(envsamp__relaxation *r)
+{
+    int k;
+
+    for (k = 0; k < r->lights; k++)
+        r->movers[k].tried = 0;
+}
+
+/* Puts one light after the other where the others have most to do. */
+static void envsamp__start_lights(envsamp__relaxation *r)
+{
+    int count = r->lights, at, k;
+
+    envsamp__clear_tried(r);
+    envsamp__drop_pieces(r);
+    for (k = 0; k < count; k++) {
+        r->lights = k > 0 ? k : 1;
+        r->movers[k].weight = 1.0;
+        at = envsamp__busy_piece(r, -1);
+        ENVSAMP_MEMCPY(r->axis + 3 * k, r->pieces[at < 0 ? 0 : at].dir, 3 * sizeof *r->axis);
+        envsamp__take_pieces(r, k);
+    }
+    r->lights = count;
+}
+
+/* ---- the lights ---- */
 
 /* Lights that stand where they are for what they were given. */
 static void envsamp__fill_lights(const envsamp__relaxation *r, envsamp_light *lights)
@@ -8697,50 +8832,85 @@ static void envsamp__fill_lights(const envsamp__relaxation *r, envsamp_light *li
     }
 }
 
-/* Replaces what the pieces sum to by the best weights, but for a twentieth of it at least. */
-static void envsamp__weigh_lights(envsamp__relaxation *r, const double integral[3],
-                                  envsamp_light *lights)
+/* Moves the lights to where their energy is least of all that is tried. It never rises. */
+static void envsamp__improve_lights(envsamp__relaxation *r, int rounds)
 {
-    int rows = r->lights + 1, k, c;
+    int now = ENVSAMP__MOVE_ROUNDS, used;
+    double was;
 
-    if (!r->system)
-        return;
-    envsamp__fill_chords(r);
-    envsamp__fill_channels(r, integral);
-    if (!envsamp__solve(r->system, rows))
-        return;
-    for (k = 0; k < r->lights; k++)
-        for (c = 0; c < 3; c++) {
-            double best = r->system[(size_t)k * (size_t)(rows + 3) + (size_t)(rows + c)];
-
-            lights[k].irradiance[c] = envsamp__to_float(
-                envsamp__max(best, 0.05 * (double)lights[k].irradiance[c]));
-        }
+    r->energy = DBL_MAX;
+    envsamp__move_lights(r, 0);
+    if (rounds > 0) {
+        envsamp__relax(r, ENVSAMP__RELAX_ROUNDS);
+        envsamp__sum_pieces(r);
+    }
+    for (; rounds > 0; rounds -= used) {
+        was = r->energy;
+        used = envsamp__min(now, rounds);
+        envsamp__move_lights(r, used);
+        if (r->energy < was - 1e-9)
+            envsamp__clear_tried(r);
+        envsamp__restore_lights(r);
+        now = envsamp__send_light(r) ? ENVSAMP__TRIAL_ROUNDS : rounds;
+    }
+    envsamp__restore_lights(r);
 }
 
-/* Makes relaxed lights, unless the map has hardly more pieces; then returns 0. */
+/* Replaces what the pieces sum to by the best weights. */
+static void envsamp__weigh_channels(envsamp__relaxation *r, const double integral[3],
+                                    envsamp_light *lights)
+{
+    int sweeps = envsamp__min(ENVSAMP__WEIGH_SWEEPS, ENVSAMP__DISTANCES_MAX
+                                                     / (r->lights * r->lights)), k, c;
+
+    for (c = 0; c < 3; c++) {
+        envsamp__fill_points(r, c, integral[c]);
+        envsamp__restore_lights(r);
+        envsamp__weigh_lights(r, sweeps);
+        for (k = 0; k < r->lights; k++)
+            lights[k].irradiance[c] = envsamp__to_float(r->movers[k].weight * integral[c]);
+    }
+}
+
+/* Where there are fewer, shares `made` lights between `count`. */
+static void envsamp__share_lights(envsamp_light *lights, int made, int count)
+{
+    int k, c;
+
+    for (k = count; k-- > 0; ) {
+        float copies = (float)((count - 1 - k % made) / made + 1);
+
+        lights[k] = lights[k % made];
+        lights[k].solid_angle /= copies;
+        for (c = 0; c < 3; c++)
+            lights[k].irradiance[c] /= copies;
+    }
+}
+
+/* Makes relaxed lights, unless there is no room for twice as many pieces; then returns 0. */
 static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double luminance,
                                  const double integral[3], envsamp_light *lights)
 {
-    int k;
+    int count = r->lights, most;
 
-    if (r->most < 2 * r->lights)
+    if (r->most < 2 * count)
         return 0;
     envsamp__make_pieces(r, luminance);
-    if (r->count < 2 * r->lights)
-        return 0;
-    envsamp__fill_points(r, luminance);
-    for (k = 0; k < r->lights; k++)
-        r->weight[k] = 1.0 / (double)r->lights;
-    envsamp__relax(r, r->system ? rounds / 2 : rounds);
+    envsamp__fill_points(r, -1, luminance);
+    r->lights = envsamp__min(count, r->count);
+    envsamp__start_lights(r);
     envsamp__centre_lights(r);
-    if (r->system && rounds > 0) {
-        envsamp__move_lights(r, rounds / 2);
+    most = r->lights < r->count ? ENVSAMP__DISTANCES_MAX / (r->count * r->lights) : 0;
+    if (most > 0) {
+        envsamp__improve_lights(r, envsamp__min(rounds, most));
         envsamp__assign_pieces(r);
+        envsamp__feed_lights(r);
+        envsamp__sum_pieces(r);
     }
-    envsamp__sum_pieces(r);
     envsamp__fill_lights(r, lights);
-    envsamp__weigh_lights(r, integral, lights);
+    if (most > 0)
+        envsamp__weigh_channels(r, integral, lights);
+    envsamp__share_lights(lights, r->lights, count);
     return 1;
 }
 
@@ -9009,8 +9179,8 @@ static void envsamp__set_reach(envsamp__decomposition *d)
     const envsamp__squares *s = &d->direct->squares;
     double scale = envsamp__max((double)d->desc->mask_scale, 0.0), sine, c;
     double cosine = 1.0 - 2.0 * scale / (double)d->desc->count;
-    double across = 2.0 * (double)s->side * (1.0 / (double)s->image->width
-                                             + 1.0 / (double)s->image->height);
+    double across = 2.0 * ((double)s->wide / (double)s->image->width
+                           + (double)s->tall / (double)s->image->height);
 
     d->near_cosine = scale > 0.0 ? cosine : 2.0;
     d->reach_cosine = d->far_cosine = -2.0;
@@ -9045,10 +9215,10 @@ static int envsamp__count_directs(const envsamp__decomposition *d)
 /* Texels of a square: x0, y0, x1, y1. */
 static void envsamp__square_box(const envsamp__squares *s, int square, int bounds[4])
 {
-    bounds[0] = square % s->across * s->side;
-    bounds[1] = square / s->across * s->side;
-    bounds[2] = envsamp__min(bounds[0] + s->side, s->image->width);
-    bounds[3] = envsamp__min(bounds[1] + s->side, s->image->height);
+    bounds[0] = square % s->across * s->wide;
+    bounds[1] = square / s->across * s->tall;
+    bounds[2] = envsamp__min(bounds[0] + s->wide, s->image->width);
+    bounds[3] = envsamp__min(bounds[1] + s->tall, s->image->height);
 }
 
 /* What may still be drawn of a square. `texel`, unless NULL: where the sum reaches a target. */
@@ -9180,11 +9350,11 @@ static int envsamp__draw_directs(envsamp__decomposition *d, int wanted)
 static void envsamp__place_directs(envsamp__decomposition *d)
 {
     envsamp__relaxation *r = d->direct;
-    double *best = r->weight;
+    envsamp__mover *m = r->movers;
     int i, k, x, y;
 
     for (k = 0; k < r->lights; k++)
-        best[k] = -2.0;
+        m[k].chord = -2.0;
     for (i = 0; i < r->count; i++) {
         const envsamp__piece *p = &r->pieces[i];
         const float *light = r->axis + 3 * p->light;
@@ -9200,8 +9370,8 @@ static void envsamp__place_directs(envsamp__decomposition *d)
                     continue;
                 envsamp__texel_dir(&r->squares, x, y, dir);
                 cosine = envsamp__dot(dir, axis);
-                if (cosine > best[p->light]) {
-                    best[p->light] = cosine;
+                if (cosine > m[p->light].chord) {
+                    m[p->light].chord = cosine;
                     d->texel[p->light].x = x;
                     d->texel[p->light].y = y;
                 }
@@ -9254,7 +9424,7 @@ static int envsamp__make_directs(envsamp__decomposition *d, envsamp_light *light
     envsamp__make_squares(&r->squares);
     envsamp__make_pieces(r, d->emission.luminance[1]);
     r->lights = envsamp__draw_directs(d, envsamp__min(r->lights, r->count));
-    envsamp__fill_points(r, d->emission.luminance[1]);
+    envsamp__fill_points(r, -1, d->emission.luminance[1]);
     for (k = 0; k < r->lights; k++) {
         double dir[3];
 

@@ -297,20 +297,3 @@ envsamp_result inside_set_sizes(envsamp_sizes *sizes, uint64_t table, uint64_t s
 {
     return envsamp__set_sizes(sizes, table, scratch);
 }
-
-void inside_weigh_twins(double weight[2], envsamp_light lights[2])
-{
-    const double integral[3] = { 1.0, 1.0, 1.0 };
-    float axis[6] = { 0.0f, 0.6f, 0.8f, 0.0f, 0.6f, 0.8f };
-    double pull[8] = { 0.0 }, system[3 * 6];
-    envsamp__relaxation r;
-
-    memset(&r, 0, sizeof r);
-    r.lights = 2;
-    r.axis = axis;
-    r.pull = pull;
-    r.weight = weight;
-    r.system = system;
-    envsamp__weigh_moving(&r);
-    envsamp__weigh_lights(&r, integral, lights);
-}

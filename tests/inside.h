@@ -110,7 +110,4 @@ extern void inside_wrap(envsamp_mapping mapping, int width, int height, int *x, 
 /* What a _sizes function says of so many bytes. */
 extern envsamp_result inside_set_sizes(envsamp_sizes *sizes, uint64_t table, uint64_t scratch);
 
-/* Weighs two lights of RELAXED that stand at one place, while they move and at last. */
-extern void inside_weigh_twins(double weight[2], envsamp_light lights[2]);
-
 #endif
