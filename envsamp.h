@@ -700,9 +700,9 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
    lights: `capacity` of them, K or more. info may be NULL.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY if `capacity` or scratch is too
      small, or _ALIGN; nothing is said of `lights` then.
-   Time, in passes over the map that write luminance: HALFTONE 4, cuts 4, for 32 lights RELAXED 11
-     and DECOMPOSED 12; what these take more grows with the square of the number of lights, up to
-     some hundred. The same bits with any compiler, as for tables.
+   Time, in passes over the map that write luminance: HALFTONE 4, cuts 5, for 32 lights DECOMPOSED 20
+   and RELAXED 55; what these take more grows with the square of the number of lights, up to some
+   hundred. The same bits with any compiler, as for tables.
 
    A light with its shadow, for every lit point of normal n:
 
@@ -1535,11 +1535,11 @@ static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
 static void envsamp__lm_search(envsamp__lm *lm, int j, double h, double change)
 {
     const double root = ENVSAMP_SQRT(DBL_EPSILON);
-    const int bit = 1 << j;
+    const int flag = 1 << j;
     double wall = change < 0.0 ? ENVSAMP__FABS(h) : 0.0, factor = 65536.0, next, low[2];
-    int pass, back = h < 0.0, moved = change != 0.0, passes = moved || !(lm->idle & bit) ? 24 : 0;
+    int pass, back = h < 0.0, moved = change != 0.0, passes = moved || !(lm->idle & flag) ? 24 : 0;
 
-    lm->idle &= ~bit;
+    lm->idle &= ~flag;
     low[0] = low[1] = wall > 0.0 ? DBL_MIN * root + DBL_EPSILON * ENVSAMP__FABS(lm->params[j])
                                  : ENVSAMP__FABS(h);
     for (pass = 0; pass < passes; pass++) {
@@ -1564,7 +1564,7 @@ static void envsamp__lm_search(envsamp__lm *lm, int j, double h, double change)
     ENVSAMP_MEMSET(lm->column[j], 0, (size_t)lm->m * sizeof(double));
     lm->scale[j] = lm->before[j];
     lm->untold |= moved;
-    lm->idle |= moved ? 0 : bit;
+    lm->idle |= moved ? 0 : flag;
 }
 
 /* J D^-1. A step of sqrt(epsilon) of a parameter's size balances truncation against rounding; but
