@@ -700,9 +700,9 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
    lights: `capacity` of them, K or more. info may be NULL.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY if `capacity` or scratch is too
      small, or _ALIGN; nothing is said of `lights` then.
-   Time, in passes over the map that write luminance: HALFTONE 4, cuts 5, for 32 lights DECOMPOSED 20
-   and RELAXED 55; what these take more grows with the square of the number of lights, up to some
-   hundred. The same bits with any compiler, as for tables.
+   Time, in passes over the map that write luminance: HALFTONE 4, cuts 5, for 32 lights DECOMPOSED
+     20 and RELAXED 55; what these take more grows with the square of the number of lights, up to
+     some hundred. The same bits with any compiler, as for tables.
 
    A light with its shadow, for every lit point of normal n:
 
