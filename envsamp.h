@@ -8465,8 +8465,7 @@ static int envsamp__worst_piece(const envsamp__relaxation *r)
     return at;
 }
 
-/* Gives each light that has no piece the worst one, and lets it stand there. There are no fewer
-   pieces than lights. */
+/* Gives each light that has no piece the worst one. There are no fewer pieces than lights. */
 static void envsamp__feed_lights(envsamp__relaxation *r)
 {
     int i, k;
@@ -8527,7 +8526,7 @@ static void envsamp__relax(envsamp__relaxation *r, int rounds)
 
 /* ---- energy of relaxed lights ---- */
 
-/* Sums over groups of points, of some groups in floats. */
+/* Sums over groups of points: floats over 16 groups, doubles over these. */
 static void envsamp__sum_field(const envsamp__points *p, uint64_t groups, const float *axis,
                                envsamp__field *field)
 {
@@ -8609,7 +8608,7 @@ static void envsamp__measure_lights(envsamp__relaxation *r)
     }
 }
 
-/* How much the energy rises by a light's weight, for each light half as fast. */
+/* Half the slope of the energy in a light's weight. */
 static double envsamp__slope(const envsamp__mover *m)
 {
     return m->field.chord - m->chord;

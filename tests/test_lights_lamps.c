@@ -407,7 +407,10 @@ static int draw_count(pcg32 *random)
     return (int)exp(draw(random, 0.0, log(MOST + 0.999)));
 }
 
-static void judge_map(const subject *s, int number, verdict *v, verdict *rounds, verdict *ghost)
+/* Of lights, of more rounds, and of lights with a ghost. */
+typedef struct verdicts { verdict lights, rounds, ghost; } verdicts;
+
+static void judge_map(const subject *s, int number, verdicts *v)
 {
     pcg32 random = pcg32_make(15, (uint64_t)number);
     envsamp_light lights[MOST];
@@ -416,17 +419,17 @@ static void judge_map(const subject *s, int number, verdict *v, verdict *rounds,
     for (i = 0; i < SETS; i++) {
         count = draw_count(&random);
         make(s, methods[0], count, 0, lights);
-        judge_lights(s, lights, count, v);
+        judge_lights(s, lights, count, &v->lights);
         if (i == 0 && count > 1) {
             add_ghost(lights, count);
-            judge_lights(s, lights, count, ghost);
+            judge_lights(s, lights, count, &v->ghost);
         }
     }
     if (number % 4 == 1) {
-        rounds->sets++;
+        v->rounds.sets++;
         count = draw_count(&random);
         i = 1 + (int)draw(&random, 0.0, 40.0);
-        judge_rounds(s, count, i, 1 + (int)draw(&random, 0.0, 40.0), rounds);
+        judge_rounds(s, count, i, 1 + (int)draw(&random, 0.0, 40.0), &v->rounds);
     }
 }
 
@@ -438,48 +441,44 @@ static void check_verdict(const char *name, const verdict *v, int kind, int most
 
 static void test_made_up(void)
 {
-    verdict v, rounds, ghost;
+    verdicts v;
     subject s;
     int i;
 
     memset(&v, 0, sizeof v);
-    memset(&rounds, 0, sizeof rounds);
-    memset(&ghost, 0, sizeof ghost);
     for (i = 0; i < MAPS; i++) {
         subject_make(&s, i);
-        judge_map(&s, i, &v, &rounds, &ghost);
+        judge_map(&s, i, &v);
         subject_free(&s);
     }
-    check_verdict("made-up maps", &rounds, START, 0);
-    check_verdict("made-up maps", &rounds, ROUNDS, 0);
+    check_verdict("made-up maps", &v.rounds, START, 0);
+    check_verdict("made-up maps", &v.rounds, ROUNDS, 0);
     for (i = BEFORE; i <= MISSED; i++)      /* where moves end beside the least energy */
-        check_verdict("made-up maps", &v, i, i == IRRADIANCE ? v.sets / 40 : v.sets / 100);
-    CHECK(exp(v.logs / v.counted) < 0.7, "made-up maps: energy %.3f of the least of the others",
-          exp(v.logs / v.counted));
-    CHECK(ghost.failed[BEST] > ghost.sets / 2 && ghost.failed[BEFORE] > ghost.sets / 2,
+        check_verdict("made-up maps", &v.lights, i, v.lights.sets / (i == IRRADIANCE ? 40 : 100));
+    CHECK(exp(v.lights.logs / v.lights.counted) < 0.7, "made-up maps: energy %.3f of the least of "
+          "the others", exp(v.lights.logs / v.lights.counted));
+    CHECK(v.ghost.failed[BEST] > v.ghost.sets / 2 && v.ghost.failed[BEFORE] > v.ghost.sets / 2,
           "control: of %d sets with a ghost %d and %d are told by their energy, %d by irradiance",
-          ghost.sets, ghost.failed[BEST], ghost.failed[BEFORE], ghost.failed[IRRADIANCE]);
+          v.ghost.sets, v.ghost.failed[BEST], v.ghost.failed[BEFORE], v.ghost.failed[IRRADIANCE]);
 }
 
 static void test_real(void)
 {
-    verdict v, rounds, ghost;
+    verdicts v;
     subject s;
     int i;
 
     memset(&v, 0, sizeof v);
-    memset(&rounds, 0, sizeof rounds);
-    memset(&ghost, 0, sizeof ghost);
     for (i = 0; i < REFERENCE_REAL_COUNT; i++)
         if (subject_real(&s, i)) {
-            judge_map(&s, 2 * i, &v, &rounds, &ghost);
+            judge_map(&s, 2 * i, &v);
             subject_free(&s);
         }
     for (i = BEFORE; i <= IRRADIANCE; i++)
-        if (v.sets == 0)
+        if (v.lights.sets == 0)
             CHECK_SKIP("no real maps: make data");
         else
-            check_verdict("real maps", &v, i, i == BEFORE ? 0 : 1);
+            check_verdict("real maps", &v.lights, i, i == BEFORE ? 0 : 1);
 }
 
 /* What lights of all counts are like, on every fourth map. */
