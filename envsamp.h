@@ -854,7 +854,7 @@ extern "C" {
 #endif
 
 /* ============================================================================================
- * SMALL MATH                                                                [search: @math]
+ * SMALL MATH                                                                   [search: @math]
  *
  * Own sines, arc tangents and logarithms, so that tables and samples are the same bits with every
  * libm. Float for sampling, double for builds.
@@ -946,6 +946,26 @@ ENVSAMP__HOT float envsamp__at_most(float x, float most)
     x = ENVSAMP_FABSF(x);
     return x < most ? x : most;
 #endif
+}
+
+/* The bits of a number from memory, where no compiler knows more of it than they say. */
+static uint64_t envsamp__double_bits(const double *value)
+{
+    double read = *(const volatile double *)value;
+    uint64_t bits;
+
+    ENVSAMP_MEMCPY(&bits, &read, sizeof bits);
+    return bits;
+}
+
+/* The largest exponent; 0x7ff: a number is not finite. */
+static int envsamp__exponent(const double *values, int count)
+{
+    int i, largest = 0;
+
+    for (i = 0; i < count; i++)
+        largest = envsamp__max_int(largest, (int)(envsamp__double_bits(&values[i]) >> 52 & 0x7ff));
+    return largest;
 }
 
 /* Any float to [0, 1): NaN, infinities and 1 and above to the end, a negative number by its
@@ -1160,8 +1180,31 @@ ENVSAMP__MATH double envsamp__exp2(double x)
          + f * (1.0 / 3628800 + f * (1.0 / 39916800 + f * (1.0 / 479001600)))))))))))));
 }
 
+/* As many as are worked on together, stage by stage: loops that compilers vectorise. */
+#define ENVSAMP__BATCH 64
+
+ENVSAMP__HOT void envsamp__sqrt_n(float *x, int n)
+{
+    int i = 0;
+
+#ifdef ENVSAMP__SSE
+    for (; i + 4 <= n; i += 4)
+        _mm_storeu_ps(x + i, _mm_sqrt_ps(_mm_loadu_ps(x + i)));
+#endif
+    for (; i < n; i++)
+        x[i] = ENVSAMP_SQRTF(x[i]);
+}
+
+#if defined(__GNUC__) && defined(ENVSAMP__HOST_ONLY)
+#define ENVSAMP__PREFETCH(p) __builtin_prefetch(p)
+#elif defined(ENVSAMP__SSE)
+#define ENVSAMP__PREFETCH(p) _mm_prefetch((const char *)(p), _MM_HINT_T0)
+#else
+#define ENVSAMP__PREFETCH(p) ((void)(p))
+#endif
+
 /* ============================================================================================
- * COMMON                                                                  [search: @common]
+ * IMAGES AND ROWS OF LUMINANCE                                               [search: @images]
  * ========================================================================================== */
 
 ENVSAMP_DEF const char *envsamp_result_string(envsamp_result result)
@@ -1197,62 +1240,52 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_ot
     return 1.0f / (1.0f + ratio * ratio);
 }
 
-/* As envsamp__octahedral_dir, in double. A 0 has the sign of its side, so that points on an edge
-   come back on the same half of it. */
-ENVSAMP__MATH void envsamp__octahedral_dir_exact(double u, double v, float dir[3])
-{
-    double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0, p = ENVSAMP__FABS(a), q = ENVSAMP__FABS(b);
-    double r = p + q, ring, x, y, z;
-    int south = r > 1.0;
+/* ---- memory ---- */
 
-    r = south ? 2.0 - r : r;
-    q = south ? 1.0 - p : q;
-    ring = r * ENVSAMP_SQRT(2.0 - r * r);
-    z = 1.0 - r * r;
-    envsamp__sincos_pi(r > 0.0 ? 0.5 * q / r : 0.0, &y, &x);
-    dir[0] = ENVSAMP_COPYSIGNF((float)(x * ring), (float)a);
-    dir[1] = ENVSAMP_COPYSIGNF((float)(y * ring), (float)b);
-    dir[2] = (float)(south ? -z : z);
+/* Where arrays begin in a buffer: at multiples of so many bytes from its start. */
+#define ENVSAMP__GRANULE 16
+
+/* Hands out pieces of a buffer, or, without one, only counts their bytes. */
+typedef struct envsamp__arena { char *base; uint64_t used; } envsamp__arena;
+
+static uint64_t envsamp__place_wide(uint64_t *end, uint64_t count, size_t size)
+{
+    uint64_t at = *end;
+
+    *end += (count * size + ENVSAMP__GRANULE - 1) / ENVSAMP__GRANULE * ENVSAMP__GRANULE;
+    return at;
 }
 
-ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v,
-                                                  float dir[3])
+static void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
 {
-    double cosine_phi, sine_phi, cosine, sine;
+    uint64_t at = envsamp__place_wide(&arena->used, count, size);
 
-    dir[0] = dir[1] = dir[2] = 0.0f;
-    v = envsamp__saturate(v);
-    if (mapping == ENVSAMP_OCTAHEDRAL) {
-        envsamp__octahedral_dir_exact((double)envsamp__saturate(u), (double)v, dir);
-        return;
-    }
-    if (mapping != ENVSAMP_LATLONG && mapping != ENVSAMP_HEMISPHERE)
-        return;
-    u = envsamp__in_range(u, -1e6f, 1e6f) ? u : 0.0f;
-    u -= (float)(int)u;
-    envsamp__sincos_pi(2.0 * (double)(u < 0.0f ? u + 1.0f : u), &sine_phi, &cosine_phi);
-    envsamp__sincos_pi((mapping == ENVSAMP_LATLONG ? 1.0 : 0.5) * (double)v, &sine, &cosine);
-    dir[0] = (float)(cosine_phi * sine);
-    dir[1] = (float)(sine_phi * sine);
-    dir[2] = (float)cosine;
+    return arena->base ? arena->base + at : NULL;
+}
+#define ENVSAMP__TAKE(type, arena, count) \
+    ((type *)envsamp__take(arena, (uint64_t)(count), sizeof(type)))
+
+/* Bytes of two buffers. No object is larger than half of what a size_t counts to: where that has 32
+   bits, the sizes of large maps are refused. */
+static envsamp_result envsamp__set_sizes(envsamp_sizes *sizes, uint64_t table, uint64_t scratch)
+{
+    if (table > SIZE_MAX / 2 || scratch > SIZE_MAX / 2)
+        return ENVSAMP_ERR_SIZE;
+    sizes->table_bytes = (size_t)table;
+    sizes->scratch_bytes = (size_t)scratch;
+    return ENVSAMP_OK;
 }
 
-ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const float dir[3],
-                                                  float uv[2])
+static envsamp_result envsamp__buffers_check(const envsamp_sizes *sizes, envsamp_buffer table,
+                                             envsamp_buffer scratch)
 {
-    double x = (double)dir[0], y = (double)dir[1];      /* whose squares cannot underflow */
-    float r = (float)ENVSAMP_SQRT(x * x + y * y), turn;
-
-    if (mapping == ENVSAMP_OCTAHEDRAL) {
-        envsamp__octahedral_uv(dir[0], dir[1], dir[2], r, &uv[0], &uv[1]);
-        uv[0] = envsamp__saturate(uv[0]);
-        uv[1] = envsamp__saturate(uv[1]);
-        return;
-    }
-    turn = envsamp__turn(dir[1], dir[0]);
-    uv[0] = envsamp__float_bits(turn) < 0x3f800000u ? turn : 0.0f;      /* a NaN is 0, too */
-    turn = envsamp__saturate(envsamp__turn(r, dir[2]));
-    uv[1] = mapping == ENVSAMP_HEMISPHERE ? 4.0f * turn : 2.0f * turn;
+    if (!table.data || !scratch.data)
+        return ENVSAMP_ERR_NULL;
+    if (table.bytes < sizes->table_bytes || scratch.bytes < sizes->scratch_bytes)
+        return ENVSAMP_ERR_MEMORY;
+    if ((uintptr_t)table.data % ENVSAMP_ALIGN || (uintptr_t)scratch.data % ENVSAMP_ALIGN)
+        return ENVSAMP_ERR_ALIGN;
+    return ENVSAMP_OK;
 }
 
 /* ---- images ---- */
@@ -1289,6 +1322,15 @@ static envsamp_result envsamp__floats_check(const float *floats)
     if (!floats)
         return ENVSAMP_ERR_NULL;
     return (uintptr_t)floats % 4 ? ENVSAMP_ERR_ALIGN : ENVSAMP_OK;
+}
+
+/* Sets sizes to 0, and checks the image that they are asked for. */
+static envsamp_result envsamp__begin_sizes(const envsamp_image *image, envsamp_sizes *sizes)
+{
+    if (!sizes)
+        return ENVSAMP_ERR_NULL;
+    sizes->table_bytes = sizes->scratch_bytes = 0;
+    return image ? envsamp__image_check(image) : ENVSAMP_ERR_NULL;
 }
 
 /* A pixel as importance sees it: black for NaN or infinite channels, negative ones 0. Returns
@@ -1329,653 +1371,13 @@ static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, 
     *y = in_y;
 }
 
-/* Adds weight times the texel (x, y), which may be one beyond an edge. */
-static void envsamp__add_texel(const envsamp_image *image, int x, int y, float weight,
-                               float rgb[3])
-{
-    float texel[3];
-    int c;
-
-    envsamp__wrap_texel(image->mapping, image->width, image->height, &x, &y);
-    envsamp__mend_pixel(envsamp__image_row(image, envsamp__row_stride(image), y)
-                        + (size_t)x * (size_t)image->channels, image->channels, texel);
-    for (c = 0; c < 3; c++)
-        rgb[c] += weight * texel[c];
-}
-
-ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const float dir[3],
-                                float rgb[3])
-{
-    float uv[2], fx, fy;
-    int x, y;
-
-    ENVSAMP_ASSERT(image && dir && rgb && envsamp__floats_check(image->pixels) == ENVSAMP_OK);
-    rgb[0] = rgb[1] = rgb[2] = 0.0f;
-    if (image->mapping == ENVSAMP_HEMISPHERE && dir[2] < 0.0f)
-        return;
-    envsamp_dir_to_uv(image->mapping, dir, uv);
-    fx = uv[0] * (float)image->width;
-    fy = uv[1] * (float)image->height;
-    if (nearest) {
-        x = (int)envsamp__index(fx, (uint32_t)image->width);
-        y = (int)envsamp__index(fy, (uint32_t)image->height);
-        envsamp__add_texel(image, x, y, 1.0f, rgb);
-        return;
-    }
-    x = fx < 0.5f ? -1 : (int)envsamp__index(fx - 0.5f, (uint32_t)image->width);
-    y = fy < 0.5f ? -1 : (int)envsamp__index(fy - 0.5f, (uint32_t)image->height);
-    fx -= 0.5f + (float)x;
-    fy -= 0.5f + (float)y;
-    envsamp__add_texel(image, x, y, (1.0f - fx) * (1.0f - fy), rgb);
-    envsamp__add_texel(image, x + 1, y, fx * (1.0f - fy), rgb);
-    envsamp__add_texel(image, x, y + 1, (1.0f - fx) * fy, rgb);
-    envsamp__add_texel(image, x + 1, y + 1, fx * fy, rgb);
-}
-
-/* ============================================================================================
- * NONLINEAR LEAST SQUARES                                                     [search: @lm]
- *
- * Minimises |f(x)|^2 over n <= 8 parameters. Each iteration solves, inside a trust region,
- *
- *     min |J p + f|^2   subject to   |D p| <= delta
- *
- * where D holds the largest norm seen of each column of J [5, section 6]. In the scaled variables
- * z = D p the Householder QR of J D^-1 leaves an n by n triangle, whose singular value
- * decomposition turns Levenberg's damped system [3] into n separate equations. The damping that
- * meets the step bound, the step and the predicted decrease then cost O(n^2), and a rank-deficient
- * Jacobian needs no case of its own. Normal equations would square the condition number.
- * ========================================================================================== */
-
-enum { ENVSAMP__LM_MAX_PARAMS = 8 };
-
-typedef struct envsamp__lm {
-    envsamp_lm_fn fn;
-    void *user;
-    int n, m, iterations, evaluations, converged, stopped;
-    int stale;                             /* the Jacobian belongs to an earlier point */
-    int flat;                              /* f is nearly at right angles to the columns of J */
-    int fine;                              /* steps of differences are shorter than usual */
-    int untold;                            /* something that moves f is lost in its rounding */
-    int idle;                              /* a bit for each parameter that moves no residual */
-    double ftol, xtol, gtol;
-    double *params;                        /* the caller's: the best point so far */
-    double *column[ENVSAMP__LM_MAX_PARAMS];  /* of J: m each */
-    double *residuals, *trial;             /* unit f at params; that of the point being tried */
-    double unit, cost;                     /* see envsamp__lm_evaluate; |unit f|^2 */
-    double delta;                          /* trust radius in |D p| */
-    double scale[ENVSAMP__LM_MAX_PARAMS];  /* D */
-    double before[ENVSAMP__LM_MAX_PARAMS];  /* D at the point before */
-    double r[ENVSAMP__LM_MAX_PARAMS][2 * ENVSAMP__LM_MAX_PARAMS];  /* columns of R V, then of V */
-    double sigma2[ENVSAMP__LM_MAX_PARAMS];  /* squared singular values of J D^-1 */
-    double slope[ENVSAMP__LM_MAX_PARAMS];   /* gradient D^-1 J^T f, along V */
-    double along[ENVSAMP__LM_MAX_PARAMS];   /* the step: D p along V */
-    double damping, correction;            /* Levenberg's lambda of it, and Newton's step in that */
-    double length, linear_decrease;        /* |D p|, |J p|^2 */
-} envsamp__lm;
-
-/* Four running sums: the additions overlap, and rounding grows four times slower. */
-static double envsamp__lm_dot(const double *a, const double *b, int count)
-{
-    double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0;
-    int i = 0;
-
-    for (; i < count - 3; i += 4) {
-        s0 += a[i] * b[i];
-        s1 += a[i + 1] * b[i + 1];
-        s2 += a[i + 2] * b[i + 2];
-        s3 += a[i + 3] * b[i + 3];
-    }
-    for (; i < count; i++)
-        s0 += a[i] * b[i];
-    return (s0 + s1) + (s2 + s3);
-}
-
-/* The bits of a number from memory, where no compiler knows more of it than they say. */
-static uint64_t envsamp__lm_bits(const double *value)
-{
-    double read = *(const volatile double *)value;
-    uint64_t bits;
-
-    ENVSAMP_MEMCPY(&bits, &read, sizeof bits);
-    return bits;
-}
-
-/* The largest exponent; 0x7ff: a number is not finite. */
-static int envsamp__lm_exponent(const double *values, int count)
-{
-    int i, largest = 0;
-
-    for (i = 0; i < count; i++)
-        largest = envsamp__max_int(largest, (int)(envsamp__lm_bits(&values[i]) >> 52 & 0x7ff));
-    return largest;
-}
-
-/* The power of two, from 2^-1000 to 2^1000, that brings the largest of the numbers to 1 to 2;
-   0 where that is 2^1001 or more. */
-static double envsamp__lm_unit(const double *values, int count)
-{
-    int exponent = envsamp__max_int(envsamp__lm_exponent(values, count), 23);
-    uint64_t bits = exponent > 2023 ? 0 : (uint64_t)(2046 - exponent) << 52;
-    double unit;
-
-    ENVSAMP_MEMCPY(&unit, &bits, sizeof unit);
-    return unit;
-}
-
-/* |D x|: the length against which xtol is relative; 0 where that is not finite. */
-static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
-{
-    double scaled[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, norm2;
-    int j;
-
-    for (j = 0; j < lm->n; j++)
-        scaled[j] = lm->scale[j] * lm->params[j];
-    norm2 = envsamp__lm_dot(scaled, scaled, lm->n);
-    return envsamp__lm_exponent(&norm2, 1) < 0x7ff ? ENVSAMP_SQRT(norm2) : 0.0;
-}
-
-/* The residuals at a point times `unit`, and their cost, or -1 where it is not finite. A unit of 0
-   becomes 1, or what they need for squares that neither overflow nor underflow. */
-static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double *residuals,
-                                   double *unit)
-{
-    double cost;
-    int i, exponent;
-
-    if (envsamp__lm_exponent(point, lm->n) == 0x7ff)
-        return -1.0;
-    lm->evaluations++;
-    lm->fn(point, residuals, lm->user);
-    cost = envsamp__lm_dot(residuals, residuals, lm->m);
-    exponent = envsamp__lm_exponent(&cost, 1);
-    if (*unit <= 0.0)
-        *unit = exponent > 423 && exponent < 1623 ? 1.0 : envsamp__lm_unit(residuals, lm->m);
-    if (*unit != 1.0) {
-        for (i = 0; i < lm->m; i++)
-            residuals[i] *= *unit;
-        cost = envsamp__lm_dot(residuals, residuals, lm->m);
-    }
-    return *unit > 0.0 && envsamp__lm_exponent(&cost, 1) < 0x7ff ? cost : -1.0;
-}
-
-/* Column j of J D^-1 by a difference over about h, with D raised to its norm where that is larger
-   than before, or lowered to 2^20 times it. By how much the residuals changed, relative to the
-   least change that stands out from their rounding. -1 where that is not finite, or far too much
-   for a step that is not short beside its parameter. */
-static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
-{
-    double point[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, *column = lm->column[j];
-    double unit, norm, scale, change;
-    int i;
-
-    ENVSAMP_MEMCPY(point, lm->params, (size_t)lm->n * sizeof(double));
-    point[j] += h;
-    if (envsamp__lm_evaluate(lm, point, column, &lm->unit) < 0.0)
-        return -1.0;
-    h = point[j] - lm->params[j];  /* what rounding left of it */
-    unit = envsamp__lm_unit(&h, 1);
-    h *= unit;
-    for (i = 0; i < lm->m; i++)
-        column[i] = (column[i] - lm->residuals[i]) / h;
-    norm = ENVSAMP_SQRT(envsamp__lm_dot(column, column, lm->m));
-    scale = envsamp__clamp(lm->before[j] / unit, norm, norm * 1048576.0);
-    lm->scale[j] = scale * unit;
-    if (envsamp__lm_exponent(&lm->scale[j], 1) == 0x7ff)
-        return -1.0;
-    for (i = 0; i < lm->m && scale > 0.0; i++)
-        column[i] /= scale;
-    change = norm * ENVSAMP__FABS(h) / (1024.0 * DBL_EPSILON * ENVSAMP_SQRT(lm->cost));
-    unit *= 1e-7 * ENVSAMP__FABS(lm->params[j]);
-    return change > 4294967296.0 && ENVSAMP__FABS(h) > unit ? -1.0 : change;
-}
-
-/* Column j where a difference over h was lost in rounding, not finite or far too much: steps grow,
-   ahead and back in turn, until one stands out, and close in on what is too much. Otherwise the
-   parameter rests; it is idle if no step moved a residual. */
-static void envsamp__lm_search(envsamp__lm *lm, int j, double h, double change)
-{
-    const double root = ENVSAMP_SQRT(DBL_EPSILON);
-    const int flag = 1 << j;
-    double wall = change < 0.0 ? ENVSAMP__FABS(h) : 0.0, factor = 65536.0, next, low[2];
-    int pass, back = h < 0.0, moved = change != 0.0, passes = moved || !(lm->idle & flag) ? 24 : 0;
-
-    lm->idle &= ~flag;
-    low[0] = low[1] = wall > 0.0 ? DBL_MIN * root + DBL_EPSILON * ENVSAMP__FABS(lm->params[j])
-                                 : ENVSAMP__FABS(h);
-    for (pass = 0; pass < passes; pass++) {
-        next = envsamp__max(low[0], low[1]);
-        next = 2.0 * next < root ? root : next < 1e300 / factor ? next * factor : 1e300;
-        if (wall > 0.0)
-            next = ENVSAMP_SQRT(low[back]) * ENVSAMP_SQRT(wall);
-        if (next < 1.001 * low[back])
-            break;
-        change = envsamp__lm_difference(lm, j, back ? -next : next);
-        moved |= change != 0.0;
-        if (change > 1.0)
-            return;
-        if (change < 0.0) {
-            wall = next;
-        } else {
-            low[back] = next;
-            back ^= wall <= 0.0;
-            factor *= pass > 1 && factor < 1e150 ? factor : 1.0;
-        }
-    }
-    ENVSAMP_MEMSET(lm->column[j], 0, (size_t)lm->m * sizeof(double));
-    lm->scale[j] = lm->before[j];
-    lm->untold |= moved;
-    lm->idle |= moved ? 0 : flag;
-}
-
-/* J D^-1. A step of sqrt(epsilon) of a parameter's size balances truncation against rounding; but
-   one near zero must still move the residuals by sqrt(epsilon) of their norm, or rounding in them
-   swamps the difference. */
-static void envsamp__lm_jacobian(envsamp__lm *lm)
-{
-    double fnorm = ENVSAMP_SQRT(lm->cost), root = ENVSAMP_SQRT(DBL_EPSILON), h, change;
-    int j;
-
-    lm->untold = 0;
-    for (j = 0; j < lm->n; j++) {
-        lm->before[j] = lm->scale[j];
-        h = ENVSAMP__FABS(lm->params[j]);
-        if (lm->scale[j] > 0.0 && h < 1.0)
-            h = envsamp__max(h, fnorm < lm->scale[j] ? fnorm / lm->scale[j] : 1.0);
-        h *= lm->fine ? root / 8192.0 : root;
-        h = h > 0.0 ? envsamp__max(h, DBL_MIN) : root;
-        change = envsamp__lm_difference(lm, j, h);
-        if (change < 0.0) {
-            change = envsamp__lm_difference(lm, j, -h);
-            h = change < 0.0 ? h : -h;
-        }
-        if (change > 1.0)
-            lm->idle &= ~(1 << j);
-        else
-            envsamp__lm_search(lm, j, h, change);
-    }
-    lm->untold |= lm->idle == (1 << lm->n) - 1;
-}
-
-static void envsamp__lm_reflect(const double *v, double beta, double *target, int count)
-{
-    double weight = beta * envsamp__lm_dot(v, target, count);
-    int i;
-
-    for (i = 0; i < count; i++)
-        target[i] -= weight * v[i];
-}
-
-/* QR of J D^-1 in place: the columns of R and of I, and Q^T f in the first n values of trial. A
-   Householder reflection clears v below its first element and becomes I - beta v v^T. */
-static void envsamp__lm_triangle(envsamp__lm *lm)
-{
-    int i, j, k;
-
-    ENVSAMP_MEMCPY(lm->trial, lm->residuals, (size_t)lm->m * sizeof(double));
-    for (k = 0; k < lm->n; k++) {
-        double *v = lm->column[k] + k;
-        double norm2 = envsamp__lm_dot(v, v, lm->m - k), norm = ENVSAMP_SQRT(norm2), beta = 0.0;
-
-        for (i = 0; i < 2 * lm->n; i++)
-            lm->r[k][i] = i < k ? lm->column[k][i] : i == lm->n + k ? 1.0 : 0.0;
-        if (norm2 >= DBL_MIN) {  /* below this beta would overflow */
-            beta = 1.0 / (norm * (norm + ENVSAMP__FABS(v[0])));
-            lm->r[k][k] = v[0] > 0.0 ? -norm : norm;
-            v[0] -= lm->r[k][k];
-        }
-        for (j = k + 1; j < lm->n; j++)
-            envsamp__lm_reflect(v, beta, lm->column[j] + k, lm->m - k);
-        envsamp__lm_reflect(v, beta, lm->trial + k, lm->m - k);
-    }
-}
-
-/* One-sided Jacobi: R V has orthogonal columns, whose norms are the singular values. It keeps
-   small singular values of a matrix with badly scaled columns relatively exact. */
-static void envsamp__lm_decompose(envsamp__lm *lm)
-{
-    double *a, *b, aa, bb, ab, zeta, tangent, cosine, ai;
-    int i, j, k, sweep, moved = 1;
-
-    for (sweep = 0; moved && sweep < 40; sweep++) {
-        moved = 0;
-        for (k = 0; k < lm->n * lm->n; k++) {
-            a = lm->r[k % lm->n];
-            b = lm->r[k / lm->n];
-            aa = envsamp__lm_dot(a, a, lm->n);
-            bb = envsamp__lm_dot(b, b, lm->n);
-            ab = envsamp__lm_dot(a, b, lm->n);
-            if (a >= b || ENVSAMP__FABS(ab) <= DBL_EPSILON * ENVSAMP_SQRT(aa) * ENVSAMP_SQRT(bb))
-                continue;           /* they are orthogonal already */
-            zeta = (bb - aa) / (2.0 * ab);
-            tangent = 1.0 / (ENVSAMP__FABS(zeta) + ENVSAMP_SQRT(1.0 + zeta * zeta));
-            if (zeta < 0.0)
-                tangent = -tangent;
-            cosine = 1.0 / ENVSAMP_SQRT(1.0 + tangent * tangent);
-            for (i = 0; i < 2 * lm->n; i++) {
-                ai = a[i];
-                a[i] = cosine * ai - cosine * tangent * b[i];
-                b[i] = cosine * tangent * ai + cosine * b[i];
-            }
-            moved = 1;
-        }
-    }
-    for (j = 0; j < lm->n; j++) {
-        lm->sigma2[j] = envsamp__lm_dot(lm->r[j], lm->r[j], lm->n);
-        lm->slope[j] = envsamp__lm_dot(lm->r[j], lm->trial, lm->n);
-    }
-}
-
-/* All about f at params that a step needs. Stops at a root and where f is at right angles to J. */
-static void envsamp__lm_linearise(envsamp__lm *lm)
-{
-    double fnorm = ENVSAMP_SQRT(lm->cost), largest = 0.0;
-    int j;
-
-    lm->converged = lm->stopped = fnorm <= DBL_MIN / 1048576.0 * lm->unit;
-    if (lm->stopped)
-        return;
-    envsamp__lm_jacobian(lm);
-    envsamp__lm_triangle(lm);
-    for (j = 0; j < lm->n; j++) {
-        double norm = ENVSAMP_SQRT(envsamp__lm_dot(lm->r[j], lm->r[j], lm->n));
-        double along = ENVSAMP__FABS(envsamp__lm_dot(lm->r[j], lm->trial, lm->n));
-
-        largest = envsamp__max(largest, norm > 0.0 ? along / norm : 0.0);
-    }
-    largest /= fnorm;
-    lm->flat = largest <= 1e-6 + lm->xtol + ENVSAMP_SQRT(lm->ftol)
-                       + 64.0 * DBL_EPSILON * envsamp__lm_scaled_norm(lm) / fnorm;
-    lm->stopped = largest <= lm->gtol;
-    lm->converged = lm->stopped && !lm->untold;
-    envsamp__lm_decompose(lm);
-    lm->stale = 0;
-}
-
-/* The minimiser of |J p + f|^2 + damping |D p|^2, along V. Directions below the rounding of J are
-   left out, which gives the shortest of the undamped minimisers. The correction is Newton's on
-   1 / |D p| - 1 / delta, which is nearly linear in the damping [5, section 5, after Hebden]. */
-static void envsamp__lm_damped(envsamp__lm *lm, double damping)
-{
-    double largest = 0.0, bend = 0.0, cutoff, share;
-    int j;
-
-    for (j = 0; j < lm->n; j++)
-        largest = envsamp__max(largest, lm->sigma2[j]);
-    cutoff = largest * (lm->n * DBL_EPSILON) * (lm->n * DBL_EPSILON);
-    lm->damping = damping;
-    lm->linear_decrease = 0.0;
-    for (j = 0; j < lm->n; j++) {
-        lm->along[j] = lm->sigma2[j] > cutoff ? -lm->slope[j] / (lm->sigma2[j] + damping) : 0.0;
-        lm->linear_decrease += lm->sigma2[j] * lm->along[j] * lm->along[j];
-    }
-    lm->length = ENVSAMP_SQRT(envsamp__lm_dot(lm->along, lm->along, lm->n));
-    for (j = 0; j < lm->n && lm->length > 0.0; j++) {
-        share = lm->along[j] / lm->length;
-        if (share != 0.0)
-            bend += share * share / (lm->sigma2[j] + damping);
-    }
-    bend *= lm->delta;
-    lm->correction = bend > 0.0 ? (lm->length - lm->delta) / bend : 0.0;  /* 0: bisect */
-}
-
-/* The damping, zero or such that |D p| is within a tenth of delta. |D p| <= |slope| / damping
-   bounds it from above; Newton steps that leave the bracket are replaced by a bisection. */
-static void envsamp__lm_solve(envsamp__lm *lm)
-{
-    double low = 0.0, high, damping;
-    int pass;
-
-    envsamp__lm_damped(lm, 0.0);
-    if (lm->length <= 1.1 * lm->delta)
-        return;
-    high = ENVSAMP_SQRT(envsamp__lm_dot(lm->slope, lm->slope, lm->n)) / lm->delta;
-    damping = lm->correction;
-    for (pass = 0; pass < 60; pass++) {
-        if (!(damping > low && damping < high))
-            damping = envsamp__max(ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high), 0.001 * high);
-        envsamp__lm_damped(lm, damping);
-        if (ENVSAMP__FABS(lm->length - lm->delta) <= 0.1 * lm->delta)
-            return;
-        low = lm->length > lm->delta ? damping : low;
-        high = lm->length > lm->delta ? high : damping;
-        damping += lm->correction;
-    }
-}
-
-/* The new trust radius from the actual decrease, relative to the cost, and its ratio to the
-   predicted one [5, section 4]. A failed step shrinks it to the minimum of the parabola
-   through the slope and the two costs, but to between a tenth and a half. */
-static void envsamp__lm_resize(envsamp__lm *lm, double actual, double ratio)
-{
-    double descent = (lm->linear_decrease + lm->damping * lm->length * lm->length) / lm->cost;
-    double shrink = 0.5, reach = 10.0 * lm->length;
-
-    if (ratio > 0.25) {
-        if (lm->damping <= 0.0 || ratio >= 0.75)
-            lm->delta = 2.0 * lm->length;
-        return;
-    }
-    if (actual < 0.0)
-        shrink = envsamp__max(0.5 * descent / (descent - 0.5 * actual), 0.1);
-    lm->delta = shrink * (lm->delta < reach ? lm->delta : reach);
-}
-
-/* One trial step: taken if it brings a ten-thousandth of the decrease that J promised. Where steps
-   ever shorter bring none, though J promises more than a tolerance and rounding, J is not what it
-   should be: differences over shorter steps are tried, and if these fail too the search ends. */
-static void envsamp__lm_iterate(envsamp__lm *lm)
-{
-    double point[ENVSAMP__LM_MAX_PARAMS], *spent = lm->residuals;
-    double unit = 0.0, cost, grown = 100.0, actual = -99.0, predicted, ratio, z;
-    int i, j;
-
-    envsamp__lm_solve(lm);
-    for (i = 0; i < lm->n; i++) {  /* x + D^-1 V y */
-        for (z = 0.0, j = 0; j < lm->n; j++)
-            z += lm->r[j][lm->n + i] * lm->along[j];
-        point[i] = lm->params[i] + (lm->scale[i] > 0.0 ? z / lm->scale[i] : 0.0);
-    }
-    if (lm->iterations++ == 0 && lm->length < lm->delta)
-        lm->delta = lm->length;
-
-    cost = envsamp__lm_evaluate(lm, point, lm->trial, &unit);
-    predicted = (lm->linear_decrease + 2.0 * lm->damping * lm->length * lm->length) / lm->cost;
-    if (cost >= 0.0)
-        grown = cost * (lm->unit / unit) * (lm->unit / unit) / lm->cost;
-    if (grown < 100.0)  /* ten times the residuals or more fail like what is not finite */
-        actual = 1.0 - grown;
-    ratio = predicted > 0.0 ? actual / predicted : 0.0;
-    envsamp__lm_resize(lm, actual, ratio);
-    if (ratio >= 1e-4) {
-        lm->residuals = lm->trial;
-        lm->trial = spent;
-        for (i = 0; i < lm->n; i++) {
-            lm->params[i] = point[i];
-            lm->scale[i] *= unit / lm->unit;
-        }
-        lm->delta *= unit / lm->unit;
-        lm->unit = unit;
-        lm->cost = cost;
-        lm->stale = 1;
-    }
-
-    if (!(ENVSAMP__FABS(actual) <= lm->ftol && predicted <= lm->ftol && ratio <= 2.0)
-        && !(lm->delta <= lm->xtol * envsamp__lm_scaled_norm(lm)))
-        return;
-    if (lm->damping <= 0.0 || lm->flat) {
-        lm->stopped = 1;
-        lm->converged = !lm->untold;
-    } else if (ratio < 1e-4) {
-        lm->stopped = lm->fine;
-        lm->stale = lm->fine = 1;
-        lm->delta = ENVSAMP_SQRT(lm->cost);
-    }
-}
-
-/* The first trust radius is generous beside params, but wide enough to change f by its own size
-   where they start near zero. An idle parameter is tried again before a search ends. */
-static void envsamp__lm_run(envsamp__lm *lm, int max_iterations)
-{
-    int idle, tried = -1;
-
-    while (!lm->stopped && lm->iterations < max_iterations) {
-        if (lm->stale)
-            envsamp__lm_linearise(lm);
-        if (lm->iterations == 0)
-            lm->delta = envsamp__max(100.0 * envsamp__lm_scaled_norm(lm), ENVSAMP_SQRT(lm->cost));
-        if (!lm->stopped)
-            envsamp__lm_iterate(lm);
-        if (lm->converged && lm->idle && lm->cost > 0.0 && tried < lm->iterations) {
-            tried = lm->iterations;
-            idle = lm->idle;
-            lm->idle = 0;
-            envsamp__lm_jacobian(lm);
-            lm->stale = lm->idle != idle || lm->untold;
-            lm->stopped = lm->converged = !lm->stale;
-        }
-    }
-}
-
-/* 0 or more, or infinite; no NaN. */
-static int envsamp__lm_is_tolerance(const double *asked)
-{
-    uint64_t bits = envsamp__lm_bits(asked);
-
-    return bits <= (uint64_t)0x7ff << 52 || bits == (uint64_t)1 << 63;
-}
-
-ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
-{
-    size_t row_bytes;
-
-    if (!desc || desc->param_count < 1 || desc->param_count > ENVSAMP__LM_MAX_PARAMS
-        || desc->residual_count < desc->param_count || desc->max_iterations < 0
-        || !envsamp__lm_is_tolerance(&desc->ftol) || !envsamp__lm_is_tolerance(&desc->xtol)
-        || !envsamp__lm_is_tolerance(&desc->gtol))
-        return 0;
-    row_bytes = ((size_t)desc->param_count + 2) * sizeof(double);
-    return (size_t)desc->residual_count > (size_t)-1 / row_bytes
-        ? 0 : row_bytes * (size_t)desc->residual_count;
-}
-
-ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn fn, void *user,
-                                      double *params, envsamp_buffer scratch,
-                                      envsamp_lm_info *info)
-{
-    envsamp__lm lm;
-    size_t bytes;
-    int i;
-
-    if (!desc || !fn || !params || !scratch.data)
-        return ENVSAMP_ERR_NULL;
-    bytes = envsamp_lm_scratch_bytes(desc);
-    if (bytes == 0)
-        return ENVSAMP_ERR_PARAM;
-    if (scratch.bytes < bytes)
-        return ENVSAMP_ERR_MEMORY;
-    if ((uintptr_t)scratch.data % ENVSAMP_ALIGN != 0)
-        return ENVSAMP_ERR_ALIGN;
-
-    ENVSAMP_MEMSET(&lm, 0, sizeof lm);
-    lm.fn = fn;
-    lm.user = user;
-    lm.n = desc->param_count;
-    lm.m = desc->residual_count;
-    lm.stale = 1;
-    lm.ftol = desc->ftol > 0.0 ? envsamp__max(desc->ftol, DBL_EPSILON) : 1e-12;
-    lm.xtol = desc->xtol > 0.0 ? envsamp__max(desc->xtol, DBL_EPSILON) : 1e-12;
-    lm.gtol = desc->gtol > 0.0 ? envsamp__max(desc->gtol, DBL_EPSILON) : 1e-12;
-    lm.params = params;
-    for (i = 0; i < lm.n; i++)
-        lm.column[i] = (double *)scratch.data + (size_t)i * (size_t)lm.m;
-    lm.residuals = lm.column[lm.n - 1] + lm.m;
-    lm.trial = lm.residuals + lm.m;
-    lm.cost = envsamp__lm_evaluate(&lm, params, lm.residuals, &lm.unit);
-    if (lm.cost < 0.0)
-        return ENVSAMP_ERR_VALUE;
-    envsamp__lm_run(&lm, desc->max_iterations ? desc->max_iterations : 200);
-    if (info) {
-        info->iterations = lm.iterations;
-        info->evaluations = lm.evaluations;
-        info->converged = lm.converged;
-        info->cost = lm.cost / lm.unit / lm.unit;
-    }
-    return ENVSAMP_OK;
-}
-
-/* ============================================================================================
- * IMPORTANCE                                                            [search: @importance]
- *
- * The map as the builders see it: cells of luminance, the solid angle of their rows, and a pyramid
- * over them. Cells are the texels, where radiance is constant, or, where it is looked up
- * bilinearly, the rectangles between texel centres and the map's border:
- *
- *            0 1/2     1 1/2     2 1/2   3       a map of 3 by 2 texels: 4 by 3 cells between
- *          0 +--+---------+---------+--+         5 by 4 knots. Knots at texel centres have the
- *        1/2 +--o---------o---------o--+         value of the texel, knots of the border the mean
- *            |  |         |         |  |         of the texels that meet there, across the seam,
- *      1 1/2 +--o---------o---------o--+         the pole or the fold of the octahedron. So
- *          2 +--+---------+---------+--+         radiance is bilinear in every cell.
- *
- * Cell (x, y) lies where x <= x_texel + offset <= x + 1, with an offset of 0 or 1/2; all places
- * below are in these units, and the map begins at the offset.
- *
- * Level 0 of the pyramid is the cells, level 1 has 4x4 of them, each further level cells twice as
- * wide. A cell holds mean, root mean square and maximum, so every sum over a block adds positive
- * numbers: nothing cancels, whatever sun stands beside the block, which differences of
- * summed-area tables cannot promise. Floats hold a cell, doubles every sum over cells.
- * ========================================================================================== */
+/* ---- luminance of an image ---- */
 
 #define ENVSAMP__LEVELS 16      /* cells of 2^16 texels cover the widest map */
 #define ENVSAMP__CHUNK 64       /* columns that are worked on together: a constant, so that
                                    compilers vectorise at -O2 too */
 #define ENVSAMP__TOP 128        /* cells of the coarsest level, at most: one split reads as many */
 #define ENVSAMP__BEYOND 9       /* knots that are read, but do not count, after the last */
-
-/* Where arrays begin in a buffer: at multiples of so many bytes from its start. */
-#define ENVSAMP__GRANULE 16
-
-/* Hands out pieces of a buffer, or, without one, only counts their bytes. */
-typedef struct envsamp__arena { char *base; uint64_t used; } envsamp__arena;
-
-static uint64_t envsamp__place_wide(uint64_t *end, uint64_t count, size_t size)
-{
-    uint64_t at = *end;
-
-    *end += (count * size + ENVSAMP__GRANULE - 1) / ENVSAMP__GRANULE * ENVSAMP__GRANULE;
-    return at;
-}
-
-static void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
-{
-    uint64_t at = envsamp__place_wide(&arena->used, count, size);
-
-    return arena->base ? arena->base + at : NULL;
-}
-#define ENVSAMP__TAKE(type, arena, count) \
-    ((type *)envsamp__take(arena, (uint64_t)(count), sizeof(type)))
-
-/* Sets sizes to 0, and checks the image that they are asked for. */
-static envsamp_result envsamp__begin_sizes(const envsamp_image *image, envsamp_sizes *sizes)
-{
-    if (!sizes)
-        return ENVSAMP_ERR_NULL;
-    sizes->table_bytes = sizes->scratch_bytes = 0;
-    return image ? envsamp__image_check(image) : ENVSAMP_ERR_NULL;
-}
-
-/* Bytes of two buffers. No object is larger than half of what a size_t counts to: where that has 32
-   bits, the sizes of large maps are refused. */
-static envsamp_result envsamp__set_sizes(envsamp_sizes *sizes, uint64_t table, uint64_t scratch)
-{
-    if (table > SIZE_MAX / 2 || scratch > SIZE_MAX / 2)
-        return ENVSAMP_ERR_SIZE;
-    sizes->table_bytes = (size_t)table;
-    sizes->scratch_bytes = (size_t)scratch;
-    return ENVSAMP_OK;
-}
-
-/* ---- luminance of an image ---- */
 
 /* Luminance of `count` pixels with bad ones among them; returns how many those are. */
 static size_t envsamp__mend_chunk(const float *from, int channels, int count, float *luminance)
@@ -2037,6 +1439,197 @@ static size_t envsamp__luminance_row(const float *from, int channels, int width,
             bad += envsamp__mend_chunk(from, channels, count, luminance + x);
     }
     return bad;
+}
+
+/* ---- rows of an image ---- */
+
+/* Where rows of luminance come from, one after the other. */
+typedef struct envsamp__source {
+    envsamp_image image;
+    envsamp_row_fn fn;          /* NULL: image.pixels */
+    void *user;
+    float *row;                 /* what fn fills */
+    float *side[2];             /* octahedral, bilinear: first and last texel of every row */
+    int bilinear, strict;
+    float compensation, dim;    /* MIS compensation, and what is subtracted for it */
+    double integral;            /* of luminance, and its maximum, if the map was surveyed */
+    float brightest;
+    size_t bad_pixel_count;
+} envsamp__source;
+
+static void envsamp__source_carve(envsamp__source *source, const envsamp_image *image,
+                                  int bilinear, float compensation, envsamp__arena *arena)
+{
+    uint64_t folds = bilinear && image->mapping == ENVSAMP_OCTAHEDRAL ? (uint64_t)image->height : 0;
+
+    source->image = *image;
+    source->bilinear = bilinear;
+    source->compensation = compensation > 0.0f ? compensation : 0.0f;
+    source->row = ENVSAMP__TAKE(float, arena, (uint64_t)image->width * (uint64_t)image->channels);
+    source->side[0] = ENVSAMP__TAKE(float, arena, folds);
+    source->side[1] = ENVSAMP__TAKE(float, arena, folds);
+}
+
+/* Luminance of a row of texels. */
+static envsamp_result envsamp__source_row(envsamp__source *source, int y, float *luminance)
+{
+    const envsamp_image *image = &source->image;
+    const float *row = source->row;
+    int x;
+
+    if (source->fn) {
+        envsamp_result result = source->fn(y, source->row, source->user);
+
+        if (result != ENVSAMP_OK)
+            return result;
+    } else {
+        row = envsamp__image_row(image, envsamp__row_stride(image), y);
+    }
+    source->bad_pixel_count += envsamp__luminance_row(row, image->channels, image->width,
+                                                      luminance);
+    for (x = 0; x < image->width && source->dim > 0.0f; x++)
+        luminance[x] = luminance[x] > source->dim ? luminance[x] - source->dim : 0.0f;
+    return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
+}
+
+/* Ends the line of knots through a row of texels, which stand at line[1] and on. */
+static void envsamp__end_line(const envsamp__source *source, int y, float *line)
+{
+    int width = source->image.width, across = source->image.height - 1 - y, fold;
+
+    fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
+    line[0] = envsamp__half(line[1])
+            + envsamp__half(fold ? source->side[0][across] : line[width]);
+    line[width + 1] = envsamp__half(line[width])
+                    + envsamp__half(fold ? source->side[1][across] : line[1]);
+}
+
+/* The line of knots at the upper or lower border, next to the line through row y. */
+static void envsamp__border_line(const envsamp__source *source, int y, int outside,
+                                 const float *inner, float *line)
+{
+    const envsamp_image *image = &source->image;
+    int width = image->width, across = image->height - 1 - y, x;
+
+    for (x = 0; x < width; x++) {
+        int wrapped_x = x, wrapped_y = outside;     /* is row y again */
+
+        envsamp__wrap_texel(image->mapping, width, image->height, &wrapped_x, &wrapped_y);
+        line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
+    }
+    if (image->mapping == ENVSAMP_OCTAHEDRAL)       /* all four corners are one point */
+        line[0] = line[width + 1] = envsamp__half(line[1])
+                                  + envsamp__half(envsamp__half(source->side[0][across]))
+                                  + envsamp__half(envsamp__half(source->side[1][across]));
+    else
+        line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(line[width]);
+}
+
+/* ============================================================================================
+ * EDGES AND COORDINATES                                                 [search: @coordinates]
+ *
+ * What turns edges, directions, u and v into one another.
+ * ========================================================================================== */
+
+/* As envsamp__octahedral_dir, in double. A 0 has the sign of its side, so that points on an edge
+   come back on the same half of it. */
+ENVSAMP__MATH void envsamp__octahedral_dir_exact(double u, double v, float dir[3])
+{
+    double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0, p = ENVSAMP__FABS(a), q = ENVSAMP__FABS(b);
+    double r = p + q, ring, x, y, z;
+    int south = r > 1.0;
+
+    r = south ? 2.0 - r : r;
+    q = south ? 1.0 - p : q;
+    ring = r * ENVSAMP_SQRT(2.0 - r * r);
+    z = 1.0 - r * r;
+    envsamp__sincos_pi(r > 0.0 ? 0.5 * q / r : 0.0, &y, &x);
+    dir[0] = ENVSAMP_COPYSIGNF((float)(x * ring), (float)a);
+    dir[1] = ENVSAMP_COPYSIGNF((float)(y * ring), (float)b);
+    dir[2] = (float)(south ? -z : z);
+}
+
+ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v,
+                                                  float dir[3])
+{
+    double cosine_phi, sine_phi, cosine, sine;
+
+    dir[0] = dir[1] = dir[2] = 0.0f;
+    v = envsamp__saturate(v);
+    if (mapping == ENVSAMP_OCTAHEDRAL) {
+        envsamp__octahedral_dir_exact((double)envsamp__saturate(u), (double)v, dir);
+        return;
+    }
+    if (mapping != ENVSAMP_LATLONG && mapping != ENVSAMP_HEMISPHERE)
+        return;
+    u = envsamp__in_range(u, -1e6f, 1e6f) ? u : 0.0f;
+    u -= (float)(int)u;
+    envsamp__sincos_pi(2.0 * (double)(u < 0.0f ? u + 1.0f : u), &sine_phi, &cosine_phi);
+    envsamp__sincos_pi((mapping == ENVSAMP_LATLONG ? 1.0 : 0.5) * (double)v, &sine, &cosine);
+    dir[0] = (float)(cosine_phi * sine);
+    dir[1] = (float)(sine_phi * sine);
+    dir[2] = (float)cosine;
+}
+
+ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const float dir[3],
+                                                  float uv[2])
+{
+    double x = (double)dir[0], y = (double)dir[1];      /* whose squares cannot underflow */
+    float r = (float)ENVSAMP_SQRT(x * x + y * y), turn;
+
+    if (mapping == ENVSAMP_OCTAHEDRAL) {
+        envsamp__octahedral_uv(dir[0], dir[1], dir[2], r, &uv[0], &uv[1]);
+        uv[0] = envsamp__saturate(uv[0]);
+        uv[1] = envsamp__saturate(uv[1]);
+        return;
+    }
+    turn = envsamp__turn(dir[1], dir[0]);
+    uv[0] = envsamp__float_bits(turn) < 0x3f800000u ? turn : 0.0f;      /* a NaN is 0, too */
+    turn = envsamp__saturate(envsamp__turn(r, dir[2]));
+    uv[1] = mapping == ENVSAMP_HEMISPHERE ? 4.0f * turn : 2.0f * turn;
+}
+
+/* Adds weight times the texel (x, y), which may be one beyond an edge. */
+static void envsamp__add_texel(const envsamp_image *image, int x, int y, float weight,
+                               float rgb[3])
+{
+    float texel[3];
+    int c;
+
+    envsamp__wrap_texel(image->mapping, image->width, image->height, &x, &y);
+    envsamp__mend_pixel(envsamp__image_row(image, envsamp__row_stride(image), y)
+                        + (size_t)x * (size_t)image->channels, image->channels, texel);
+    for (c = 0; c < 3; c++)
+        rgb[c] += weight * texel[c];
+}
+
+ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const float dir[3],
+                                float rgb[3])
+{
+    float uv[2], fx, fy;
+    int x, y;
+
+    ENVSAMP_ASSERT(image && dir && rgb && envsamp__floats_check(image->pixels) == ENVSAMP_OK);
+    rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    if (image->mapping == ENVSAMP_HEMISPHERE && dir[2] < 0.0f)
+        return;
+    envsamp_dir_to_uv(image->mapping, dir, uv);
+    fx = uv[0] * (float)image->width;
+    fy = uv[1] * (float)image->height;
+    if (nearest) {
+        x = (int)envsamp__index(fx, (uint32_t)image->width);
+        y = (int)envsamp__index(fy, (uint32_t)image->height);
+        envsamp__add_texel(image, x, y, 1.0f, rgb);
+        return;
+    }
+    x = fx < 0.5f ? -1 : (int)envsamp__index(fx - 0.5f, (uint32_t)image->width);
+    y = fy < 0.5f ? -1 : (int)envsamp__index(fy - 0.5f, (uint32_t)image->height);
+    fx -= 0.5f + (float)x;
+    fy -= 0.5f + (float)y;
+    envsamp__add_texel(image, x, y, (1.0f - fx) * (1.0f - fy), rgb);
+    envsamp__add_texel(image, x + 1, y, fx * (1.0f - fy), rgb);
+    envsamp__add_texel(image, x, y + 1, (1.0f - fx) * fy, rgb);
+    envsamp__add_texel(image, x + 1, y + 1, fx * fy, rgb);
 }
 
 /* ---- places and solid angles ---- */
@@ -2190,6 +1783,381 @@ static inline envsamp__row_part envsamp__row_within(const envsamp__map *map, int
     return envsamp__part_of_row(map, y, envsamp__max(y0, rect->y0), y1 < rect->y1 ? y1 : rect->y1);
 }
 
+/* Solid angle that a texel of row y stands for. With bilinear, its knot and what it lends to those
+   of the border; all of a row lend alike. */
+static double envsamp__texel_sr(const envsamp__map *map, int y)
+{
+    const envsamp__row_part *above = &map->rows[y], *below = above + 1;
+    double sr;
+
+    if (!map->bilinear)
+        return above->sr;
+    sr = above->sr * above->at + below->sr * (1.0 - below->at);
+    if (y == 0)
+        sr += above->sr * (1.0 - above->at);
+    if (y + 1 == map->image_height)
+        sr += below->sr * below->at;
+    return sr;
+}
+
+static envsamp__rect envsamp__whole_map(const envsamp__map *map)
+{
+    double at = map->offset;
+    envsamp__rect all = { at, at, (double)map->image_width + at, (double)map->image_height + at };
+
+    return all;
+}
+
+/* ---- edges as tables store them ---- */
+
+/* An edge as a table stores it: azimuth in turns, or u. */
+static inline float envsamp__edge_x(const envsamp__map *map, double x)
+{
+    return (float)((x - map->offset) / (double)map->image_width);
+}
+
+/* An edge as a table stores it: 1 - cos theta above the equator, minus (1 + cos theta) below, so
+   that each is exact at its pole; v of an octahedral map. */
+static float envsamp__edge_y(const envsamp__map *map, double y)
+{
+    envsamp__polar p = envsamp__polar_edge(map, y);
+
+    return envsamp__with_sign((float)p.cap, p.south);
+}
+
+static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
+{
+    return axis ? envsamp__edge_y(map, at) : envsamp__edge_x(map, at);
+}
+
+/* Stored edges of the polar angle in rising order, as integers. */
+ENVSAMP__MATH uint32_t envsamp__edge_key(float y)
+{
+    uint32_t bits = envsamp__float_bits(y);
+
+    return bits >> 31 ? 0xff000000u - bits : bits;      /* 1 and -1 are the same: the equator */
+}
+
+/* Moves a place to one that a table can store exactly: to a whole row or column, if that is stored
+   as the same edge, since cuts below the crown lie there. */
+static double envsamp__storable(const envsamp__map *map, double at, int axis)
+{
+    double whole = (double)(int)(at + 0.5), edge, range, sine;
+    float stored = envsamp__stored_edge(map, at, axis);
+    envsamp__polar p;
+
+    if (envsamp__stored_edge(map, whole, axis) == stored
+        || (axis && envsamp__edge_key(envsamp__edge_y(map, whole)) == envsamp__edge_key(stored)))
+        return whole;
+    if (axis == 0)
+        return (double)stored * (double)map->image_width + map->offset;
+    edge = (double)ENVSAMP_FABSF(stored);
+    if (map->mapping == ENVSAMP_OCTAHEDRAL)
+        return edge * (double)map->image_height + map->offset;
+    p = envsamp__polar_at(map, at);         /* from here a step of Newton's */
+    range = ENVSAMP__PI * (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
+    sine = ENVSAMP_SQRT(p.cap * (2.0 - p.cap));
+    if (sine > 0.0)
+        at += (p.south ? p.cap - edge : edge - p.cap)
+            / (sine * range / (double)map->image_height);
+    return envsamp__clamp(at, map->offset, (double)map->image_height + map->offset);
+}
+
+/* Whether an edge between two others is also stored between them. */
+static int envsamp__parts_edges(const envsamp__map *map, double low, double at, double high,
+                                int axis)
+{
+    float a = envsamp__stored_edge(map, low, axis), b = envsamp__stored_edge(map, at, axis);
+    float c = envsamp__stored_edge(map, high, axis);
+
+    return axis ? envsamp__edge_key(a) < envsamp__edge_key(b)
+               && envsamp__edge_key(b) < envsamp__edge_key(c) : a < b && b < c;
+}
+
+typedef struct envsamp__edges { float x0, x1, y0, y1; } envsamp__edges;
+
+/* Solid angle between stored edges: what samples of the block really fill. */
+static double envsamp__edges_sr(uint32_t mapping, const envsamp__edges *e)
+{
+    return envsamp__unit_sr(mapping) * ((double)e->x1 - (double)e->x0)
+         * envsamp__cap_between((double)ENVSAMP_FABSF(e->y0), envsamp__sign(e->y0),
+                                (double)ENVSAMP_FABSF(e->y1), envsamp__sign(e->y1));
+}
+
+/* Edges that rise and are inside the map. */
+static int envsamp__edges_valid(uint32_t mapping, const envsamp__edges *e)
+{
+    return (mapping == ENVSAMP_LATLONG || !(envsamp__sign(e->y0) | envsamp__sign(e->y1)))
+        && envsamp__in_range(e->x0, 0.0f, 1.0f) && envsamp__in_range(e->x1, 0.0f, 1.0f)
+        && e->x0 < e->x1
+        && envsamp__in_range(e->y0, -1.0f, 1.0f) && envsamp__in_range(e->y1, -1.0f, 1.0f)
+        && envsamp__edge_key(e->y0) < envsamp__edge_key(e->y1);
+}
+
+/* ---- points of a block ---- */
+
+/* Where a sample lies: azimuth in turns, 1 - cos theta, 1 + cos theta. */
+typedef struct envsamp__point { float x, north, south; } envsamp__point;
+
+/* 1 - cos theta and 1 + cos theta of an edge as a table stores it. */
+typedef struct envsamp__row { float north, south; } envsamp__row;
+
+ENVSAMP__HOT envsamp__row envsamp__edge_row(float y)
+{
+    float cap = ENVSAMP_FABSF(y), rest = 2.0f - cap;
+    int south = envsamp__sign(y);
+    envsamp__row row;
+
+    row.north = south ? rest : cap;
+    row.south = south ? cap : rest;
+    return row;
+}
+
+/* v of an edge in polar angle. */
+static float envsamp__edge_v(uint32_t mapping, float y)
+{
+    envsamp__row row = envsamp__edge_row(y);
+
+    if (mapping == ENVSAMP_OCTAHEDRAL)
+        return y;
+    return (mapping == ENVSAMP_HEMISPHERE ? 2.0f : 1.0f)
+         * envsamp__polar_fraction(row.north, row.south);
+}
+
+/* Fractions of the way between two edges in azimuth, and in solid angle between two rows. */
+ENVSAMP__HOT envsamp__point envsamp__between(float x0, float x1, float fx, float y0, float y1,
+                                             float fy)
+{
+    envsamp__row top = envsamp__edge_row(y0), end = envsamp__edge_row(y1);
+    envsamp__point p;
+
+    p.x = x0 + fx * (x1 - x0);
+    p.north = top.north + fy * (end.north - top.north);
+    p.south = top.south + fy * (end.south - top.south);
+    return p;
+}
+
+/* The direction of a point whose sine of theta is known; lat-long and hemisphere. */
+ENVSAMP__HOT void envsamp__point_dir(envsamp__point p, float sine, float *x, float *y, float *z)
+{
+    float cosine_phi, sine_phi;
+
+    envsamp__cos_sin_turn(p.x, &cosine_phi, &sine_phi);
+    *x = cosine_phi * sine;
+    *y = sine_phi * sine;
+    *z = 0.5f * (p.south - p.north);
+}
+
+/* A sample at a point. */
+ENVSAMP__HOT envsamp_sample envsamp__point_sample(uint32_t mapping, envsamp__point p, float pdf)
+{
+    envsamp_sample s;
+
+    s.pdf = pdf;
+    s.uv[0] = p.x = envsamp__clamp_unit(p.x);
+    if (mapping == ENVSAMP_OCTAHEDRAL) {
+        s.uv[1] = p.north;
+        envsamp__octahedral_dir(p.x, p.north, &s.dir[0], &s.dir[1], &s.dir[2]);
+        return s;
+    }
+    s.uv[1] = envsamp__polar_fraction(p.north, p.south);
+    if (mapping == ENVSAMP_HEMISPHERE)
+        s.uv[1] = s.uv[1] < 0.5f ? s.uv[1] + s.uv[1] : 1.0f;
+    envsamp__point_dir(p, ENVSAMP_SQRTF(ENVSAMP_FABSF(p.north * p.south)), &s.dir[0], &s.dir[1],
+                       &s.dir[2]);
+    return s;
+}
+
+/* Directions of n points of a batch. */
+ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *at, float *x, float *y,
+                                      float *z)
+{
+    const float *px = at, *north = at + ENVSAMP__BATCH, *south = at + 2 * ENVSAMP__BATCH;
+    float turn[ENVSAMP__BATCH], sine[ENVSAMP__BATCH];
+    int i;
+
+    for (i = 0; i < n; i++)
+        turn[i] = envsamp__clamp_unit(px[i]);
+    if (mapping == ENVSAMP_OCTAHEDRAL) {
+        for (i = 0; i < n; i++)
+            envsamp__octahedral_dir(turn[i], north[i], &x[i], &y[i], &z[i]);
+        return;
+    }
+    for (i = 0; i < n; i++)
+        sine[i] = ENVSAMP_FABSF(north[i] * south[i]);   /* below 0 by rounding with -ffast-math */
+    envsamp__sqrt_n(sine, n);
+    for (i = 0; i < n; i++) {
+        envsamp__point p = { turn[i], north[i], south[i] };
+
+        envsamp__point_dir(p, sine[i], &x[i], &y[i], &z[i]);
+    }
+}
+
+/* ---- coordinates of density ---- */
+
+/* Azimuth, 0..4, of an edge in turns, and polar, 0..2, of one in 1 - cos and 1 + cos. */
+static float envsamp__azimuth_edge(double turns)
+{
+    double sine, cosine, q;
+
+    envsamp__sincos_pi(2.0 * turns, &sine, &cosine);
+    q = sine / (ENVSAMP__FABS(sine) + ENVSAMP__FABS(cosine));
+    return (float)(turns > 0.5 ? (turns < 0.75 ? 2.0 - q : 4.0 + q)
+                               : (turns < 0.25 ? q : 2.0 - q));
+}
+
+static float envsamp__polar_of(double north, double south)
+{
+    double r = ENVSAMP_SQRT(north * south), q = r / (r + 0.5 * ENVSAMP__FABS(south - north));
+
+    return (float)(north > south ? 2.0 - q : q);
+}
+
+/* The cut of a node at an edge as a table stores it. */
+static float envsamp__node_cut(uint32_t mapping, float edge, int axis)
+{
+    double cap = (double)ENVSAMP_FABSF(edge), rest = 2.0 - cap;
+
+    if (mapping == ENVSAMP_OCTAHEDRAL)
+        return axis ? -2.0f * edge : 4.0f * edge;
+    if (axis == 0)
+        return envsamp__azimuth_edge((double)edge);
+    return envsamp__sign(edge) ? -envsamp__polar_of(rest, cap) : -envsamp__polar_of(cap, rest);
+}
+
+/* The coordinates of nodes and grid; both 0, and `valid` 0, for what is no direction. r is
+   |(x, y)|. Of an octahedral map, 4 u and 2 v. */
+typedef struct envsamp__diamond { float azimuth, polar; int valid; } envsamp__diamond;
+
+/* Whether a vector is a direction: r + |z| is above zero and finite. So is then |x| + |y|, but with
+   -ffast-math r, a root by estimates, may be 0 for a NaN. */
+ENVSAMP__HOT int envsamp__is_direction(float side, float sum)
+{
+#ifdef ENVSAMP__FINITE_ONLY
+    int is_finite = envsamp__float_bits(side) < 0x7f800000u;
+
+    return is_finite & (envsamp__float_bits(sum) - 1 < 0x7f7fffffu);
+#else
+    (void)side;
+    return sum > 0.0f && sum <= FLT_MAX;
+#endif
+}
+
+ENVSAMP__HOT envsamp__diamond envsamp__to_diamond(float x, float y, float z, float r)
+{
+    float side = ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum = r + ENVSAMP_FABSF(z), t, q;
+    envsamp__diamond d;
+
+    /* with t = |y|/(|x|+|y|): t for x above 0, 2 - t for x below, and 4 less that for y below 0 */
+    t = side > 0.0f ? ENVSAMP_FABSF(y) / side : 0.0f;
+    t = 2.0f - ENVSAMP_COPYSIGNF(1.0f + ENVSAMP_COPYSIGNF(1.0f, x) - ENVSAMP_COPYSIGNF(t, x), y);
+    d.valid = envsamp__is_direction(side, sum);
+    q = 1.0f - ENVSAMP_COPYSIGNF(1.0f - r / (d.valid ? sum : 1.0f), z);
+    d.azimuth = d.valid && side > 0.0f ? t : 0.0f;      /* at a pole whatever the signs of zeros */
+    d.polar = d.valid ? q : 0.0f;
+    return d;
+}
+
+ENVSAMP__HOT envsamp__diamond envsamp__octahedral_place(float x, float y, float z, float r)
+{
+    envsamp__diamond d;
+
+    d.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), r + ENVSAMP_FABSF(z));
+    envsamp__octahedral_uv(d.valid ? x + 0.0f : 0.0f, d.valid ? y + 0.0f : 0.0f, d.valid ? z : 1.0f,
+                           d.valid ? r : 0.0f, &d.azimuth, &d.polar);
+    d.azimuth *= 4.0f;
+    d.polar *= 2.0f;
+    return d;
+}
+
+/* A direction in the coordinates of a map, of which that is the `polar_end`. */
+ENVSAMP__HOT envsamp__diamond envsamp__place(uint32_t mapping, float polar_end, float x, float y,
+                                             float z, float r)
+{
+    envsamp__diamond d;
+
+    if (mapping == ENVSAMP_OCTAHEDRAL)
+        return envsamp__octahedral_place(x, y, z, r);
+    d = envsamp__to_diamond(x, y, z, r);
+    if (mapping == ENVSAMP_HEMISPHERE)
+        d.valid &= d.polar <= polar_end;
+    return d;
+}
+
+/* ---- directions in double ---- */
+
+/* Azimuth of (x, y) in turns, [0, 1], within 1e-12: a float and one step of Newton's. It stays on
+   its side of the seam: 1 just below it. */
+ENVSAMP__MATH double envsamp__exact_turn(double y, double x)
+{
+    double turn = (double)envsamp__turn((float)y, (float)x), sine, cosine;
+    double length = ENVSAMP_SQRT(x * x + y * y);
+
+    if (!(length > 0.0))
+        return 0.0;
+    envsamp__sincos_pi(2.0 * turn, &sine, &cosine);
+    turn += (y * cosine - x * sine) / (length * 2.0 * ENVSAMP__PI);
+    turn = turn > 0.0 ? turn : 0.0;
+    return turn < 1.0 ? turn : 1.0;
+}
+
+/* A direction as edges are stored, in double: u, and the polar angle by its nearer pole. */
+typedef struct envsamp__exact { double x, cap; int south; } envsamp__exact;
+
+ENVSAMP__MATH envsamp__exact envsamp__exact_place(uint32_t mapping, const float dir[3])
+{
+    double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2];
+    double length = ENVSAMP_SQRT(x * x + y * y + z * z), r, b;
+    envsamp__exact e;
+
+    e.cap = (x * x + y * y) / (length * (length + ENVSAMP__FABS(z)));
+    e.south = z < 0.0;
+    if (mapping != ENVSAMP_OCTAHEDRAL) {
+        e.x = envsamp__exact_turn(y, x);
+        return e;
+    }
+    r = ENVSAMP_SQRT(e.cap);           /* |2 u - 1| + |2 v - 1| above the equator */
+    b = 4.0 * envsamp__exact_turn(ENVSAMP__FABS(y), ENVSAMP__FABS(x)) * r;
+    e.x = e.south ? 1.0 - b : r - b;
+    e.cap = e.south ? 1.0 - (r - b) : b;
+    e.x = 0.5 * (x < 0.0 ? 1.0 - e.x : 1.0 + e.x);
+    e.cap = 0.5 * (y < 0.0 ? 1.0 - e.cap : 1.0 + e.cap);
+    e.south = 0;
+    return e;
+}
+
+/* How far, in solid angle, a direction is from one stored edge to another. */
+ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1)
+{
+    double top = (double)ENVSAMP_FABSF(y0), end = (double)ENVSAMP_FABSF(y1);
+
+    return envsamp__cap_between(top, envsamp__sign(y0), e.cap, e.south)
+         / envsamp__cap_between(top, envsamp__sign(y0), end, envsamp__sign(y1));
+}
+
+/* ============================================================================================
+ * IMPORTANCE                                                             [search: @importance]
+ *
+ * The map as the builders see it: cells of luminance, the solid angle of their rows, and a pyramid
+ * over them. Cells are the texels, where radiance is constant, or, where it is looked up
+ * bilinearly, the rectangles between texel centres and the map's border:
+ *
+ *            0 1/2     1 1/2     2 1/2   3       a map of 3 by 2 texels: 4 by 3 cells between
+ *          0 +--+---------+---------+--+         5 by 4 knots. Knots at texel centres have the
+ *        1/2 +--o---------o---------o--+         value of the texel, knots of the border the mean
+ *            |  |         |         |  |         of the texels that meet there, across the seam,
+ *      1 1/2 +--o---------o---------o--+         the pole or the fold of the octahedron. So
+ *          2 +--+---------+---------+--+         radiance is bilinear in every cell.
+ *
+ * Cell (x, y) lies where x <= x_texel + offset <= x + 1, with an offset of 0 or 1/2; all places
+ * below are in these units, and the map begins at the offset.
+ *
+ * Level 0 of the pyramid is the cells, level 1 has 4x4 of them, each further level cells twice as
+ * wide. A cell holds mean, root mean square and maximum, so every sum over a block adds positive
+ * numbers: nothing cancels, whatever sun stands beside the block, which differences of
+ * summed-area tables cannot promise. Floats hold a cell, doubles every sum over cells.
+ * ========================================================================================== */
+
 /* Row edges, rows, and solid angles of the rows of every level. */
 static void envsamp__map_angles(envsamp__map *map)
 {
@@ -2210,57 +2178,6 @@ static void envsamp__map_angles(envsamp__map *map)
         }
 }
 
-/* ---- rows of knots ---- */
-
-/* Where rows of luminance come from, one after the other. */
-typedef struct envsamp__source {
-    envsamp_image image;
-    envsamp_row_fn fn;          /* NULL: image.pixels */
-    void *user;
-    float *row;                 /* what fn fills */
-    float *side[2];             /* octahedral, bilinear: first and last texel of every row */
-    int bilinear, strict;
-    float compensation, dim;    /* MIS compensation, and what is subtracted for it */
-    double integral;            /* of luminance, and its maximum, if the map was surveyed */
-    float brightest;
-    size_t bad_pixel_count;
-} envsamp__source;
-
-static void envsamp__source_carve(envsamp__source *source, const envsamp_image *image,
-                                  int bilinear, float compensation, envsamp__arena *arena)
-{
-    uint64_t folds = bilinear && image->mapping == ENVSAMP_OCTAHEDRAL ? (uint64_t)image->height : 0;
-
-    source->image = *image;
-    source->bilinear = bilinear;
-    source->compensation = compensation > 0.0f ? compensation : 0.0f;
-    source->row = ENVSAMP__TAKE(float, arena, (uint64_t)image->width * (uint64_t)image->channels);
-    source->side[0] = ENVSAMP__TAKE(float, arena, folds);
-    source->side[1] = ENVSAMP__TAKE(float, arena, folds);
-}
-
-/* Luminance of a row of texels. */
-static envsamp_result envsamp__source_row(envsamp__source *source, int y, float *luminance)
-{
-    const envsamp_image *image = &source->image;
-    const float *row = source->row;
-    int x;
-
-    if (source->fn) {
-        envsamp_result result = source->fn(y, source->row, source->user);
-
-        if (result != ENVSAMP_OK)
-            return result;
-    } else {
-        row = envsamp__image_row(image, envsamp__row_stride(image), y);
-    }
-    source->bad_pixel_count += envsamp__luminance_row(row, image->channels, image->width,
-                                                      luminance);
-    for (x = 0; x < image->width && source->dim > 0.0f; x++)
-        luminance[x] = luminance[x] > source->dim ? luminance[x] - source->dim : 0.0f;
-    return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
-}
-
 /* Begins to read; returns whether all rows are read once before a build begins. */
 static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
                                  void *user, int strict)
@@ -2271,23 +2188,6 @@ static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, env
     envsamp__map_angles(map);
     return source->compensation > 0.0f
         || (source->bilinear && source->image.mapping == ENVSAMP_OCTAHEDRAL);
-}
-
-/* Solid angle that a texel of row y stands for. With bilinear, its knot and what it lends to those
-   of the border; all of a row lend alike. */
-static double envsamp__texel_sr(const envsamp__map *map, int y)
-{
-    const envsamp__row_part *above = &map->rows[y], *below = above + 1;
-    double sr;
-
-    if (!map->bilinear)
-        return above->sr;
-    sr = above->sr * above->at + below->sr * (1.0 - below->at);
-    if (y == 0)
-        sr += above->sr * (1.0 - above->at);
-    if (y + 1 == map->image_height)
-        sr += below->sr * below->at;
-    return sr;
 }
 
 /* Reads a row ahead of the build, with memory for one row of luminance. */
@@ -2334,39 +2234,6 @@ static void envsamp__survey_end(envsamp__source *source, const envsamp__map *map
 
             *texel = *texel > source->dim ? *texel - source->dim : 0.0f;
         }
-}
-
-/* Ends the line of knots through a row of texels, which stand at line[1] and on. */
-static void envsamp__end_line(const envsamp__source *source, int y, float *line)
-{
-    int width = source->image.width, across = source->image.height - 1 - y, fold;
-
-    fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
-    line[0] = envsamp__half(line[1])
-            + envsamp__half(fold ? source->side[0][across] : line[width]);
-    line[width + 1] = envsamp__half(line[width])
-                    + envsamp__half(fold ? source->side[1][across] : line[1]);
-}
-
-/* The line of knots at the upper or lower border, next to the line through row y. */
-static void envsamp__border_line(const envsamp__source *source, int y, int outside,
-                                 const float *inner, float *line)
-{
-    const envsamp_image *image = &source->image;
-    int width = image->width, across = image->height - 1 - y, x;
-
-    for (x = 0; x < width; x++) {
-        int wrapped_x = x, wrapped_y = outside;     /* is row y again */
-
-        envsamp__wrap_texel(image->mapping, width, image->height, &wrapped_x, &wrapped_y);
-        line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
-    }
-    if (image->mapping == ENVSAMP_OCTAHEDRAL)       /* all four corners are one point */
-        line[0] = line[width + 1] = envsamp__half(line[1])
-                                  + envsamp__half(envsamp__half(source->side[0][across]))
-                                  + envsamp__half(envsamp__half(source->side[1][across]));
-    else
-        line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(line[width]);
 }
 
 /* ---- sums over cells ---- */
@@ -2534,14 +2401,6 @@ static inline void envsamp__add_columns(const envsamp__run *run, int count, doub
         peak[x] = run->peak[x] > peak[x] ? run->peak[x] : peak[x];
 }
 
-static envsamp__rect envsamp__whole_map(const envsamp__map *map)
-{
-    double at = map->offset;
-    envsamp__rect all = { at, at, (double)map->image_width + at, (double)map->image_height + at };
-
-    return all;
-}
-
 /* How many cells of level 0 wide column x of a level is: less at the border. */
 static inline double envsamp__columns(const envsamp__map *map, const envsamp__level *level, int x)
 {
@@ -2671,7 +2530,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
 }
 
 /* ============================================================================================
- * KD BUILD                                                              [search: @kd-build]
+ * KD BUILD                                                                 [search: @kd-build]
  *
  * Best-first splitting [1, algorithms 1-3] of the map, or, for WARP, of the tiles that the crown
  * below cuts it into. A block finds its best split from the sums of its columns and rows, read
@@ -2765,72 +2624,6 @@ static double envsamp__range(const envsamp__map *map, const envsamp__block *b)
     return (double)b->whole.peak - (double)low;
 }
 
-/* ---- edges as tables store them ---- */
-
-/* An edge as a table stores it: azimuth in turns, or u. */
-static inline float envsamp__edge_x(const envsamp__map *map, double x)
-{
-    return (float)((x - map->offset) / (double)map->image_width);
-}
-
-/* An edge as a table stores it: 1 - cos theta above the equator, minus (1 + cos theta) below, so
-   that each is exact at its pole; v of an octahedral map. */
-static float envsamp__edge_y(const envsamp__map *map, double y)
-{
-    envsamp__polar p = envsamp__polar_edge(map, y);
-
-    return envsamp__with_sign((float)p.cap, p.south);
-}
-
-static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
-{
-    return axis ? envsamp__edge_y(map, at) : envsamp__edge_x(map, at);
-}
-
-/* Stored edges of the polar angle in rising order, as integers. */
-ENVSAMP__MATH uint32_t envsamp__edge_key(float y)
-{
-    uint32_t bits = envsamp__float_bits(y);
-
-    return bits >> 31 ? 0xff000000u - bits : bits;      /* 1 and -1 are the same: the equator */
-}
-
-/* Moves a place to one that a table can store exactly: to a whole row or column, if that is stored
-   as the same edge, since cuts below the crown lie there. */
-static double envsamp__storable(const envsamp__map *map, double at, int axis)
-{
-    double whole = (double)(int)(at + 0.5), edge, range, sine;
-    float stored = envsamp__stored_edge(map, at, axis);
-    envsamp__polar p;
-
-    if (envsamp__stored_edge(map, whole, axis) == stored
-        || (axis && envsamp__edge_key(envsamp__edge_y(map, whole)) == envsamp__edge_key(stored)))
-        return whole;
-    if (axis == 0)
-        return (double)stored * (double)map->image_width + map->offset;
-    edge = (double)ENVSAMP_FABSF(stored);
-    if (map->mapping == ENVSAMP_OCTAHEDRAL)
-        return edge * (double)map->image_height + map->offset;
-    p = envsamp__polar_at(map, at);         /* from here a step of Newton's */
-    range = ENVSAMP__PI * (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
-    sine = ENVSAMP_SQRT(p.cap * (2.0 - p.cap));
-    if (sine > 0.0)
-        at += (p.south ? p.cap - edge : edge - p.cap)
-            / (sine * range / (double)map->image_height);
-    return envsamp__clamp(at, map->offset, (double)map->image_height + map->offset);
-}
-
-/* Whether an edge between two others is also stored between them. */
-static int envsamp__parts_edges(const envsamp__map *map, double low, double at, double high,
-                                int axis)
-{
-    float a = envsamp__stored_edge(map, low, axis), b = envsamp__stored_edge(map, at, axis);
-    float c = envsamp__stored_edge(map, high, axis);
-
-    return axis ? envsamp__edge_key(a) < envsamp__edge_key(b)
-               && envsamp__edge_key(b) < envsamp__edge_key(c) : a < b && b < c;
-}
-
 /* ---- searching splits ---- */
 
 /* How much a block wants to be split before its best split is known. For EXCESS a bound: no
@@ -2860,14 +2653,6 @@ static void envsamp__profile_clear(envsamp__profile *p, int count)
         p->peak[i] = 0.0f;
     }
 }
-
-#if defined(__GNUC__) && defined(ENVSAMP__HOST_ONLY)
-#define ENVSAMP__PREFETCH(p) __builtin_prefetch(p)
-#elif defined(ENVSAMP__SSE)
-#define ENVSAMP__PREFETCH(p) _mm_prefetch((const char *)(p), _MM_HINT_T0)
-#else
-#define ENVSAMP__PREFETCH(p) ((void)(p))
-#endif
 
 /* Asks for the lines of a block of memory rows all at once: read one after another, their misses
    were half of a build. */
@@ -3396,7 +3181,7 @@ static int envsamp__grow(envsamp__tree *tree, int wanted)
 }
 
 /* ============================================================================================
- * KD CROWN                                                              [search: @kd-crown]
+ * KD CROWN                                                                 [search: @kd-crown]
  *
  * WARP's tree begins with tile_bits levels of cuts that halve the light, within a few percent,
  * across azimuth and polar angle in turns, but a long map first shorter, through texels where need
@@ -3811,7 +3596,7 @@ static void envsamp__exact_moments(envsamp__tree *tree, int i)
 }
 
 /* ============================================================================================
- * KD PROBABILITIES                                              [search: @kd-probabilities]
+ * KD PROBABILITIES                                                 [search: @kd-probabilities]
  *
  * How often each block is drawn. ALIAS: in proportion to Q, as whole multiples of 2^-24. FIT: a
  * model over the blocks sorted by probability, of which a table holds two numbers.
@@ -4159,7 +3944,7 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
 }
 
 /* ============================================================================================
- * KD TABLE                                                              [search: @kd-table]
+ * KD TABLE                                                                 [search: @kd-table]
  *
  * One block of 32-bit words in the byte order of the machine, without pointers: the header below (a
  * double is two words), then arrays at the byte offsets that it holds, as far as the selection
@@ -4208,7 +3993,6 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
 #define ENVSAMP__KD_VERSION 4u
 #define ENVSAMP__INNER 0x80000000u      /* of a link: not a density */
 
-typedef struct envsamp__edges { float x0, x1, y0, y1; } envsamp__edges;
 typedef struct envsamp__warp { float cut, edge; uint32_t child[2]; } envsamp__warp;
 typedef struct envsamp__node { float cut; uint32_t child[2]; } envsamp__node;
 
@@ -4300,44 +4084,6 @@ static uint32_t envsamp__checksum(const envsamp_kd *kd)
 }
 
 /* ---- building ---- */
-
-/* Azimuth, 0..4, of an edge in turns, and polar, 0..2, of one in 1 - cos and 1 + cos. */
-static float envsamp__azimuth_edge(double turns)
-{
-    double sine, cosine, q;
-
-    envsamp__sincos_pi(2.0 * turns, &sine, &cosine);
-    q = sine / (ENVSAMP__FABS(sine) + ENVSAMP__FABS(cosine));
-    return (float)(turns > 0.5 ? (turns < 0.75 ? 2.0 - q : 4.0 + q)
-                               : (turns < 0.25 ? q : 2.0 - q));
-}
-
-static float envsamp__polar_of(double north, double south)
-{
-    double r = ENVSAMP_SQRT(north * south), q = r / (r + 0.5 * ENVSAMP__FABS(south - north));
-
-    return (float)(north > south ? 2.0 - q : q);
-}
-
-/* The cut of a node at an edge as a table stores it. */
-static float envsamp__node_cut(uint32_t mapping, float edge, int axis)
-{
-    double cap = (double)ENVSAMP_FABSF(edge), rest = 2.0 - cap;
-
-    if (mapping == ENVSAMP_OCTAHEDRAL)
-        return axis ? -2.0f * edge : 4.0f * edge;
-    if (axis == 0)
-        return envsamp__azimuth_edge((double)edge);
-    return envsamp__sign(edge) ? -envsamp__polar_of(rest, cap) : -envsamp__polar_of(cap, rest);
-}
-
-/* Solid angle between stored edges: what samples of the block really fill. */
-static double envsamp__edges_sr(uint32_t mapping, const envsamp__edges *e)
-{
-    return envsamp__unit_sr(mapping) * ((double)e->x1 - (double)e->x0)
-         * envsamp__cap_between((double)ENVSAMP_FABSF(e->y0), envsamp__sign(e->y0),
-                                (double)ENVSAMP_FABSF(e->y1), envsamp__sign(e->y1));
-}
 
 /* A child of a cut as the table knows it: blocks by their density. */
 static uint32_t envsamp__table_link(const envsamp_kd *kd, uint32_t link, const uint32_t *place)
@@ -4600,331 +4346,10 @@ static void envsamp__warp_tile(envsamp__warp_writer *w, uint32_t i)
     envsamp__write_tile(w, &tile);
 }
 
-/* ---- sampling ---- */
+/* ---- the build ---- */
 
-/* A block, and where a sample lies in it: azimuth and solid angle from its upper edge, [0, 1]. */
-typedef struct envsamp__choice { int block; float fx, fy; } envsamp__choice;
-
-/* See KD TABLE. What is left of u0 is the azimuth, and where the draw lies among those of the block
-   the polar angle. Each bin has its draws in an order of its own, by a multiple of the golden
-   ratio: those of a coarse u1 would all be low ones, and dim blocks drawn too often. */
-ENVSAMP__HOT envsamp__choice envsamp__alias_choose(const envsamp_kd *kd, float u0, float u1)
-{
-    int shift = (int)kd->alias_shift, bits_x = 12 - (shift >> 1), shift_y = shift + bits_x;
-    float across = u0 * (float)(1 << bits_x);
-    int column = (int)across, y = (int)(u1 * ENVSAMP__UNIT);
-    int bin = (y >> shift & -(1 << bits_x)) | column;
-    int entry = (int)ENVSAMP__ARRAY(uint32_t, kd, alias)[bin];
-    int alias = entry & (((1 << 24) - 1) >> shift), own = entry ^ alias;    /* of 2^24 */
-    uint32_t mixed = (uint32_t)y << (32 - shift_y) ^ ~(uint32_t)bin * 0x9e3779b9u;
-    int past = (int)(mixed >> 8) - own, chosen = -(past < 0);   /* all ones for its own */
-    envsamp__choice choice;
-
-    choice.block = alias ^ ((bin ^ alias) & chosen);
-    choice.fx = across - (float)column;
-    choice.fy = (float)past / (float)((~chosen & (1 << 24)) - own);
-    return choice;
-}
-
-/* How far into a bin the model's mass has come at the fraction f of it: the density falls inside a
-   bin, so this is not f. a is alpha plus the bin's index. */
-ENVSAMP__HOT float envsamp__fit_position(const envsamp_kd *kd, float f, float a)
-{
-    float w = f / (2.0f * a + f), v = 1.0f / (2.0f * a + 1.0f), t = w * w, s = v * v;
-
-    if (kd->model == ENVSAMP_KD_POWER || a < 1.0f) {
-        double gamma = envsamp__model_gamma(kd->beta), step = 1.0 / (double)a;
-
-        return (float)(envsamp__model_mass(gamma, (double)f * step)
-                       / envsamp__model_mass(gamma, step));
-    }
-    /* log(1 + f/a) / log(1 + 1/a) = atanh w / atanh v, both series within 2e-6 */
-    return (2.0f * a + 1.0f) * w
-         * (1.0f + t * (1.0f / 3 + t * (1.0f / 5 + t * (1.0f / 7 + t * (1.0f / 9)))))
-         * (1.0f - s * (1.0f / 3 + s * (4.0f / 45 + s * (44.0f / 945 + s * (428.0f / 14175)))));
-}
-
-/* x = P^-1(u0) [1, equation 8]; the block is its whole part. What u1 holds beyond its leading 12
-   bits continues u0: half a turn on, so that it is 1/2, not 0, for points of a coarse lattice. */
-ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0, float u1)
-{
-    double g = (double)u0 * kd->fit_total;
-    float low = u1 * 4096.0f + 0.5f, x;
-    envsamp__choice choice;
-    int x_whole;
-
-    low -= (float)(int)low;
-    if (kd->model == ENVSAMP_KD_POWER)
-        g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta),
-                                     g + (double)(low / ENVSAMP__UNIT) * kd->fit_total);
-    x = kd->fit_alpha * envsamp__exp2m1(g);
-    x += low * kd->fit_step * (kd->fit_alpha + x);
-    x = envsamp__at_most(x > 0.0f ? x : 0.0f, kd->fit_end);
-    x_whole = (int)x;
-    choice.block = x_whole;
-    choice.fx = envsamp__fit_position(kd, x - (float)x_whole, kd->fit_alpha + (float)x_whole);
-    choice.fy = u1;
-    return choice;
-}
-
-/* Where a sample lies: azimuth in turns, 1 - cos theta, 1 + cos theta. */
-typedef struct envsamp__point { float x, north, south; } envsamp__point;
-
-/* 1 - cos theta and 1 + cos theta of an edge as a table stores it. */
-typedef struct envsamp__row { float north, south; } envsamp__row;
-
-ENVSAMP__HOT envsamp__row envsamp__edge_row(float y)
-{
-    float cap = ENVSAMP_FABSF(y), rest = 2.0f - cap;
-    int south = envsamp__sign(y);
-    envsamp__row row;
-
-    row.north = south ? rest : cap;
-    row.south = south ? cap : rest;
-    return row;
-}
-
-/* Fractions of the way between two edges in azimuth, and in solid angle between two rows. */
-ENVSAMP__HOT envsamp__point envsamp__between(float x0, float x1, float fx, float y0, float y1,
-                                             float fy)
-{
-    envsamp__row top = envsamp__edge_row(y0), end = envsamp__edge_row(y1);
-    envsamp__point p;
-
-    p.x = x0 + fx * (x1 - x0);
-    p.north = top.north + fy * (end.north - top.north);
-    p.south = top.south + fy * (end.south - top.south);
-    return p;
-}
-
-/* The point of a choice. Indices are written so that compilers make them gathers. */
-ENVSAMP__HOT envsamp__point envsamp__block_point(const envsamp_kd *kd, envsamp__choice choice)
-{
-    const float *edge = ENVSAMP__ARRAY(float, kd, edges);
-    int at = 4 * choice.block;
-
-    return envsamp__between(edge[at], edge[at + 1], choice.fx, edge[at + 2], edge[at + 3],
-                             choice.fy);
-}
-
-/* The way down from a tile. f: place in the tile, across u0 and u1. cut and edge: the edges so
-   far in the unit square and in the map, in the order x0, x1, y0, y1; `stride` apart, like f. */
-ENVSAMP__HOT int envsamp__warp_start(const envsamp_kd *kd, float u0, float u1, float *f0,
-                                     float *f1)
-{
-    float across = u0 * (float)(1 << kd->tile_bits_x), down = u1 * (float)(1 << kd->tile_bits_y);
-    int column = (int)across, row = (int)down;
-
-    *f0 = across - (float)column;
-    *f1 = down - (float)row;
-    return (row << kd->tile_bits_x) + column;
-}
-
-ENVSAMP__HOT uint32_t envsamp__warp_step(const envsamp__warp *node, const float *f, float *cut,
-                                         float *edge, size_t stride)
-{
-    uint32_t axis = envsamp__float_bits(node->cut) >> 31;
-    float at = ENVSAMP_FABSF(node->cut);
-    uint32_t high = f[axis * stride] >= at;
-
-    cut[(2 * axis + 1 - high) * stride] = at;
-    edge[(2 * axis + 1 - high) * stride] = node->edge;
-    return node->child[high];
-}
-
-ENVSAMP__HOT envsamp__point envsamp__warp_point(const float *f, const float *cut,
-                                                const float *edge, size_t stride)
-{
-    return envsamp__between(edge[0], edge[stride], (f[0] - cut[0]) / (cut[stride] - cut[0]),
-                            edge[2 * stride], edge[3 * stride],
-                            (f[stride] - cut[2 * stride]) / (cut[3 * stride] - cut[2 * stride]));
-}
-
-/* The point and the density of (u0, u1). */
-ENVSAMP__HOT envsamp__point envsamp__warp_sample(const envsamp_kd *kd, float u0, float u1,
-                                                 float *pdf)
-{
-    const envsamp__warp *nodes = ENVSAMP__ARRAY(envsamp__warp, kd, warp);
-    float f[2], cut[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, edge[4];
-    int tile = envsamp__warp_start(kd, u0, u1, &f[0], &f[1]);
-    uint32_t link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
-
-    ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
-    while (link & ENVSAMP__INNER)
-        link = envsamp__warp_step(&nodes[link & ~ENVSAMP__INNER], f, cut, edge, 1);
-    *pdf = envsamp__bits_float(link);
-    return envsamp__warp_point(f, cut, edge, 1);
-}
-
-/* As many as are worked on together, stage by stage: loops that compilers vectorise. */
-#define ENVSAMP__BATCH 64
-
-ENVSAMP__HOT void envsamp__sqrt_n(float *x, int n)
-{
-    int i = 0;
-
-#ifdef ENVSAMP__SSE
-    for (; i + 4 <= n; i += 4)
-        _mm_storeu_ps(x + i, _mm_sqrt_ps(_mm_loadu_ps(x + i)));
-#endif
-    for (; i < n; i++)
-        x[i] = ENVSAMP_SQRTF(x[i]);
-}
-
-/* The direction of a point whose sine of theta is known; lat-long and hemisphere. */
-ENVSAMP__HOT void envsamp__point_dir(envsamp__point p, float sine, float *x, float *y, float *z)
-{
-    float cosine_phi, sine_phi;
-
-    envsamp__cos_sin_turn(p.x, &cosine_phi, &sine_phi);
-    *x = cosine_phi * sine;
-    *y = sine_phi * sine;
-    *z = 0.5f * (p.south - p.north);
-}
-
-/* A sample at a point. */
-ENVSAMP__HOT envsamp_sample envsamp__point_sample(uint32_t mapping, envsamp__point p, float pdf)
-{
-    envsamp_sample s;
-
-    s.pdf = pdf;
-    s.uv[0] = p.x = envsamp__clamp_unit(p.x);
-    if (mapping == ENVSAMP_OCTAHEDRAL) {
-        s.uv[1] = p.north;
-        envsamp__octahedral_dir(p.x, p.north, &s.dir[0], &s.dir[1], &s.dir[2]);
-        return s;
-    }
-    s.uv[1] = envsamp__polar_fraction(p.north, p.south);
-    if (mapping == ENVSAMP_HEMISPHERE)
-        s.uv[1] = s.uv[1] < 0.5f ? s.uv[1] + s.uv[1] : 1.0f;
-    envsamp__point_dir(p, ENVSAMP_SQRTF(ENVSAMP_FABSF(p.north * p.south)), &s.dir[0], &s.dir[1],
-                       &s.dir[2]);
-    return s;
-}
-
-/* Directions of n points of a batch. */
-ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *at, float *x, float *y,
-                                      float *z)
-{
-    const float *px = at, *north = at + ENVSAMP__BATCH, *south = at + 2 * ENVSAMP__BATCH;
-    float turn[ENVSAMP__BATCH], sine[ENVSAMP__BATCH];
-    int i;
-
-    for (i = 0; i < n; i++)
-        turn[i] = envsamp__clamp_unit(px[i]);
-    if (mapping == ENVSAMP_OCTAHEDRAL) {
-        for (i = 0; i < n; i++)
-            envsamp__octahedral_dir(turn[i], north[i], &x[i], &y[i], &z[i]);
-        return;
-    }
-    for (i = 0; i < n; i++)
-        sine[i] = ENVSAMP_FABSF(north[i] * south[i]);   /* below 0 by rounding with -ffast-math */
-    envsamp__sqrt_n(sine, n);
-    for (i = 0; i < n; i++) {
-        envsamp__point p = { turn[i], north[i], south[i] };
-
-        envsamp__point_dir(p, sine[i], &x[i], &y[i], &z[i]);
-    }
-}
-
-/* ---- density ---- */
-
-/* The coordinates of nodes and grid; both 0, and `valid` 0, for what is no direction. r is
-   |(x, y)|. Of an octahedral map, 4 u and 2 v. */
-typedef struct envsamp__diamond { float azimuth, polar; int valid; } envsamp__diamond;
-
-/* Whether a vector is a direction: r + |z| is above zero and finite. So is then |x| + |y|, but with
-   -ffast-math r, a root by estimates, may be 0 for a NaN. */
-ENVSAMP__HOT int envsamp__is_direction(float side, float sum)
-{
-#ifdef ENVSAMP__FINITE_ONLY
-    int is_finite = envsamp__float_bits(side) < 0x7f800000u;
-
-    return is_finite & (envsamp__float_bits(sum) - 1 < 0x7f7fffffu);
-#else
-    (void)side;
-    return sum > 0.0f && sum <= FLT_MAX;
-#endif
-}
-
-ENVSAMP__HOT envsamp__diamond envsamp__to_diamond(float x, float y, float z, float r)
-{
-    float side = ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum = r + ENVSAMP_FABSF(z), t, q;
-    envsamp__diamond d;
-
-    /* with t = |y|/(|x|+|y|): t for x above 0, 2 - t for x below, and 4 less that for y below 0 */
-    t = side > 0.0f ? ENVSAMP_FABSF(y) / side : 0.0f;
-    t = 2.0f - ENVSAMP_COPYSIGNF(1.0f + ENVSAMP_COPYSIGNF(1.0f, x) - ENVSAMP_COPYSIGNF(t, x), y);
-    d.valid = envsamp__is_direction(side, sum);
-    q = 1.0f - ENVSAMP_COPYSIGNF(1.0f - r / (d.valid ? sum : 1.0f), z);
-    d.azimuth = d.valid && side > 0.0f ? t : 0.0f;      /* at a pole whatever the signs of zeros */
-    d.polar = d.valid ? q : 0.0f;
-    return d;
-}
-
-ENVSAMP__HOT envsamp__diamond envsamp__octahedral_place(float x, float y, float z, float r)
-{
-    envsamp__diamond d;
-
-    d.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), r + ENVSAMP_FABSF(z));
-    envsamp__octahedral_uv(d.valid ? x + 0.0f : 0.0f, d.valid ? y + 0.0f : 0.0f, d.valid ? z : 1.0f,
-                           d.valid ? r : 0.0f, &d.azimuth, &d.polar);
-    d.azimuth *= 4.0f;
-    d.polar *= 2.0f;
-    return d;
-}
-
-/* A direction in the coordinates of a map, of which that is the `polar_end`. */
-ENVSAMP__HOT envsamp__diamond envsamp__place(uint32_t mapping, float polar_end, float x, float y,
-                                             float z, float r)
-{
-    envsamp__diamond d;
-
-    if (mapping == ENVSAMP_OCTAHEDRAL)
-        return envsamp__octahedral_place(x, y, z, r);
-    d = envsamp__to_diamond(x, y, z, r);
-    if (mapping == ENVSAMP_HEMISPHERE)
-        d.valid &= d.polar <= polar_end;
-    return d;
-}
-
-/* The link of the grid at a place. */
-ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__diamond d)
-{
-    uint32_t column = envsamp__index(d.azimuth * kd->grid_scale_x, 1u << kd->grid_bits_x);
-    uint32_t row = envsamp__index(d.polar * kd->grid_scale_y, 1u << kd->grid_bits_y);
-    int cell = (int)((row << kd->grid_bits_x) + column);
-
-    return ENVSAMP__ARRAY(uint32_t, kd, grid)[cell] & (0u - (uint32_t)d.valid);
-}
-
-ENVSAMP__HOT uint64_t envsamp__place_bits(envsamp__diamond d)
-{
-    return envsamp__float_bits(d.azimuth) | (uint64_t)envsamp__float_bits(d.polar) << 32;
-}
-
-#define ENVSAMP__STRIDES 3      /* cuts before a density asks whether it has arrived: each question
-                                   may be guessed wrong, each cut too many costs a little */
-
-/* One cut on the way down, without a branch: of the two coordinates in `place` the sign of the cut
-   picks one. Floats of 0 and more compare as integers, which keeps the chain from link to link
-   short; that chain is what a density costs. */
-ENVSAMP__HOT uint32_t envsamp__node_step(const envsamp__node *node, uint64_t place)
-{
-    uint32_t bits = envsamp__float_bits(node->cut), low = node->child[0], high = node->child[1];
-    uint32_t at = (uint32_t)(place >> (bits >> 26 & 32));
-
-    return low ^ ((low ^ high) & (0u - (uint32_t)(at >= (bits & 0x7fffffffu))));
-}
-
-/* ============================================================================================
- * KD FUNCTIONS                                                          [search: @kd-public]
- *
- * A build is a job that does one item of work after the other, so that it can be spread over
- * frames: the same items in the same order, however many at a time.
- * ========================================================================================== */
-
-/* What an item of work is. */
+/* A build is a job that does one item of work after the other, so that it can be spread over
+   frames: the same items in the same order, however many at a time. What an item of work is: */
 typedef enum envsamp__kd_phase {
     ENVSAMP__DO_SURVEY,         /* a row of texels, ahead of the build */
     ENVSAMP__DO_ROWS,           /* a row of texels */
@@ -5232,18 +4657,6 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
 
-static envsamp_result envsamp__buffers_check(const envsamp_sizes *sizes, envsamp_buffer table,
-                                             envsamp_buffer scratch)
-{
-    if (!table.data || !scratch.data)
-        return ENVSAMP_ERR_NULL;
-    if (table.bytes < sizes->table_bytes || scratch.bytes < sizes->scratch_bytes)
-        return ENVSAMP_ERR_MEMORY;
-    if ((uintptr_t)table.data % ENVSAMP_ALIGN || (uintptr_t)scratch.data % ENVSAMP_ALIGN)
-        return ENVSAMP_ERR_ALIGN;
-    return ENVSAMP_OK;
-}
-
 ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_row_fn fn,
                                             void *user, const envsamp_kd_desc *desc,
                                             envsamp_buffer table, envsamp_buffer scratch,
@@ -5417,6 +4830,8 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
     return result == ENVSAMP_OK ? envsamp_kd_finish(job, kd) : result;
 }
 
+/* ---- opening ---- */
+
 /* Whether a header describes a table of `bytes` with its arrays where they belong. */
 static int envsamp__kd_header_valid(const envsamp_kd *kd, size_t bytes)
 {
@@ -5444,24 +4859,14 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
 {
     double total;
 
-    if (envsamp__lm_exponent(&kd->alpha, 1) == 0x7ff || envsamp__lm_exponent(&kd->beta, 1) == 0x7ff
-        || envsamp__lm_exponent(&kd->fit_total, 1) == 0x7ff
+    if (envsamp__exponent(&kd->alpha, 1) == 0x7ff || envsamp__exponent(&kd->beta, 1) == 0x7ff
+        || envsamp__exponent(&kd->fit_total, 1) == 0x7ff
         || !(kd->alpha > 1e-9 && kd->alpha < 1025.0 * (double)kd->drawn_count
           && kd->beta >= ENVSAMP__BETA_MIN && kd->beta <= ENVSAMP__BETA_MAX
           && (kd->model == ENVSAMP_KD_POWER || kd->beta == 1.0)))
         return 0;
     total = envsamp__model_mass(envsamp__model_gamma(kd->beta), kd->drawn_count / kd->alpha);
     return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);
-}
-
-/* Edges that rise and are inside the map. */
-static int envsamp__edges_valid(uint32_t mapping, const envsamp__edges *e)
-{
-    return (mapping == ENVSAMP_LATLONG || !(envsamp__sign(e->y0) | envsamp__sign(e->y1)))
-        && envsamp__in_range(e->x0, 0.0f, 1.0f) && envsamp__in_range(e->x1, 0.0f, 1.0f)
-        && e->x0 < e->x1
-        && envsamp__in_range(e->y0, -1.0f, 1.0f) && envsamp__in_range(e->y1, -1.0f, 1.0f)
-        && envsamp__edge_key(e->y0) < envsamp__edge_key(e->y1);
 }
 
 /* Blocks inside the map, with finite densities. */
@@ -5607,7 +5012,135 @@ ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd)
     return kd->bytes;
 }
 
-/* ---- one at a time ---- */
+/* ============================================================================================
+ * KD SAMPLING AND DENSITY                                               [search: @kd-sampling]
+ * ========================================================================================== */
+
+/* ---- sampling ---- */
+
+/* A block, and where a sample lies in it: azimuth and solid angle from its upper edge, [0, 1]. */
+typedef struct envsamp__choice { int block; float fx, fy; } envsamp__choice;
+
+/* See KD TABLE. What is left of u0 is the azimuth, and where the draw lies among those of the block
+   the polar angle. Each bin has its draws in an order of its own, by a multiple of the golden
+   ratio: those of a coarse u1 would all be low ones, and dim blocks drawn too often. */
+ENVSAMP__HOT envsamp__choice envsamp__alias_choose(const envsamp_kd *kd, float u0, float u1)
+{
+    int shift = (int)kd->alias_shift, bits_x = 12 - (shift >> 1), shift_y = shift + bits_x;
+    float across = u0 * (float)(1 << bits_x);
+    int column = (int)across, y = (int)(u1 * ENVSAMP__UNIT);
+    int bin = (y >> shift & -(1 << bits_x)) | column;
+    int entry = (int)ENVSAMP__ARRAY(uint32_t, kd, alias)[bin];
+    int alias = entry & (((1 << 24) - 1) >> shift), own = entry ^ alias;    /* of 2^24 */
+    uint32_t mixed = (uint32_t)y << (32 - shift_y) ^ ~(uint32_t)bin * 0x9e3779b9u;
+    int past = (int)(mixed >> 8) - own, chosen = -(past < 0);   /* all ones for its own */
+    envsamp__choice choice;
+
+    choice.block = alias ^ ((bin ^ alias) & chosen);
+    choice.fx = across - (float)column;
+    choice.fy = (float)past / (float)((~chosen & (1 << 24)) - own);
+    return choice;
+}
+
+/* How far into a bin the model's mass has come at the fraction f of it: the density falls inside a
+   bin, so this is not f. a is alpha plus the bin's index. */
+ENVSAMP__HOT float envsamp__fit_position(const envsamp_kd *kd, float f, float a)
+{
+    float w = f / (2.0f * a + f), v = 1.0f / (2.0f * a + 1.0f), t = w * w, s = v * v;
+
+    if (kd->model == ENVSAMP_KD_POWER || a < 1.0f) {
+        double gamma = envsamp__model_gamma(kd->beta), step = 1.0 / (double)a;
+
+        return (float)(envsamp__model_mass(gamma, (double)f * step)
+                       / envsamp__model_mass(gamma, step));
+    }
+    /* log(1 + f/a) / log(1 + 1/a) = atanh w / atanh v, both series within 2e-6 */
+    return (2.0f * a + 1.0f) * w
+         * (1.0f + t * (1.0f / 3 + t * (1.0f / 5 + t * (1.0f / 7 + t * (1.0f / 9)))))
+         * (1.0f - s * (1.0f / 3 + s * (4.0f / 45 + s * (44.0f / 945 + s * (428.0f / 14175)))));
+}
+
+/* x = P^-1(u0) [1, equation 8]; the block is its whole part. What u1 holds beyond its leading 12
+   bits continues u0: half a turn on, so that it is 1/2, not 0, for points of a coarse lattice. */
+ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0, float u1)
+{
+    double g = (double)u0 * kd->fit_total;
+    float low = u1 * 4096.0f + 0.5f, x;
+    envsamp__choice choice;
+    int x_whole;
+
+    low -= (float)(int)low;
+    if (kd->model == ENVSAMP_KD_POWER)
+        g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta),
+                                     g + (double)(low / ENVSAMP__UNIT) * kd->fit_total);
+    x = kd->fit_alpha * envsamp__exp2m1(g);
+    x += low * kd->fit_step * (kd->fit_alpha + x);
+    x = envsamp__at_most(x > 0.0f ? x : 0.0f, kd->fit_end);
+    x_whole = (int)x;
+    choice.block = x_whole;
+    choice.fx = envsamp__fit_position(kd, x - (float)x_whole, kd->fit_alpha + (float)x_whole);
+    choice.fy = u1;
+    return choice;
+}
+
+/* The point of a choice. Indices are written so that compilers make them gathers. */
+ENVSAMP__HOT envsamp__point envsamp__block_point(const envsamp_kd *kd, envsamp__choice choice)
+{
+    const float *edge = ENVSAMP__ARRAY(float, kd, edges);
+    int at = 4 * choice.block;
+
+    return envsamp__between(edge[at], edge[at + 1], choice.fx, edge[at + 2], edge[at + 3],
+                             choice.fy);
+}
+
+/* The way down from a tile. f: place in the tile, across u0 and u1. cut and edge: the edges so
+   far in the unit square and in the map, in the order x0, x1, y0, y1; `stride` apart, like f. */
+ENVSAMP__HOT int envsamp__warp_start(const envsamp_kd *kd, float u0, float u1, float *f0,
+                                     float *f1)
+{
+    float across = u0 * (float)(1 << kd->tile_bits_x), down = u1 * (float)(1 << kd->tile_bits_y);
+    int column = (int)across, row = (int)down;
+
+    *f0 = across - (float)column;
+    *f1 = down - (float)row;
+    return (row << kd->tile_bits_x) + column;
+}
+
+ENVSAMP__HOT uint32_t envsamp__warp_step(const envsamp__warp *node, const float *f, float *cut,
+                                         float *edge, size_t stride)
+{
+    uint32_t axis = envsamp__float_bits(node->cut) >> 31;
+    float at = ENVSAMP_FABSF(node->cut);
+    uint32_t high = f[axis * stride] >= at;
+
+    cut[(2 * axis + 1 - high) * stride] = at;
+    edge[(2 * axis + 1 - high) * stride] = node->edge;
+    return node->child[high];
+}
+
+ENVSAMP__HOT envsamp__point envsamp__warp_point(const float *f, const float *cut,
+                                                const float *edge, size_t stride)
+{
+    return envsamp__between(edge[0], edge[stride], (f[0] - cut[0]) / (cut[stride] - cut[0]),
+                            edge[2 * stride], edge[3 * stride],
+                            (f[stride] - cut[2 * stride]) / (cut[3 * stride] - cut[2 * stride]));
+}
+
+/* The point and the density of (u0, u1). */
+ENVSAMP__HOT envsamp__point envsamp__warp_sample(const envsamp_kd *kd, float u0, float u1,
+                                                 float *pdf)
+{
+    const envsamp__warp *nodes = ENVSAMP__ARRAY(envsamp__warp, kd, warp);
+    float f[2], cut[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, edge[4];
+    int tile = envsamp__warp_start(kd, u0, u1, &f[0], &f[1]);
+    uint32_t link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
+
+    ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
+    while (link & ENVSAMP__INNER)
+        link = envsamp__warp_step(&nodes[link & ~ENVSAMP__INNER], f, cut, edge, 1);
+    *pdf = envsamp__bits_float(link);
+    return envsamp__warp_point(f, cut, edge, 1);
+}
 
 ENVSAMP__HOT envsamp__point envsamp__listed_sample(const envsamp_kd *kd, float u0, float u1,
                                                    float *pdf)
@@ -5632,152 +5165,6 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd
                                       : envsamp__listed_sample(kd, u0, u1, &pdf);
     return envsamp__point_sample(kd->mapping, p, pdf);
 }
-
-ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3])
-{
-    const envsamp__node *nodes;
-    envsamp__diamond d;
-    uint64_t place;
-    uint32_t link;
-    int i;
-
-    ENVSAMP_ASSERT(kd && dir);
-    nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
-    d = envsamp__place(kd->mapping, kd->polar_end, dir[0], dir[1], dir[2],
-                       ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
-    link = envsamp__grid_link(kd, d);
-    place = envsamp__place_bits(d);
-    do {
-        for (i = 0; i < ENVSAMP__STRIDES; i++) {
-            uint32_t inner = 0u - (link >> 31);     /* all ones until a density is reached */
-            uint32_t next = envsamp__node_step(&nodes[link & ~ENVSAMP__INNER & inner], place);
-
-            link ^= (link ^ next) & inner;
-        }
-    } while (link & ENVSAMP__INNER);
-    return envsamp__bits_float(link);
-}
-
-/* The tile in a direction: down the crown. */
-ENVSAMP__MATH int envsamp__tile_at(const envsamp_kd *kd, float azimuth, float polar)
-{
-    const envsamp__node *nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
-    uint32_t bits = kd->tile_bits_x + kd->tile_bits_y, node = 0, level, at[2] = { 0, 0 };
-
-    for (level = 0; level < bits; level++) {
-        float cut = nodes[node].cut;
-        uint32_t axis = cut < 0.0f, high = axis ? polar >= -cut : azimuth >= cut;
-
-        at[axis] = 2 * at[axis] + high;
-        node = 2 * node + 1 + high;
-    }
-    return (int)((at[1] << kd->tile_bits_x) + at[0]) & ((1 << bits) - 1);     /* if damaged */
-}
-
-/* Where between two cuts of the unit square lies the fraction f between their edges, as the number
-   that samples it: below the higher one, which belongs to the next block. */
-ENVSAMP__MATH float envsamp__invert_between(uint32_t tile, uint32_t bits, float low, float high,
-                                            double f)
-{
-    double scale = 1.0 / (double)(1u << bits), place = (double)tile;
-    float u, end = (float)((place + (double)high) * scale);
-
-    f = f > 0.0 ? (f < 1.0 ? f : 1.0) : 0.0;
-    u = (float)((place + (double)low + f * ((double)high - (double)low)) * scale);
-    return envsamp__at_most(u, envsamp__bits_float(envsamp__float_bits(end) - 1));
-}
-
-/* Azimuth of (x, y) in turns, [0, 1], within 1e-12: a float and one step of Newton's. It stays on
-   its side of the seam: 1 just below it. */
-ENVSAMP__MATH double envsamp__exact_turn(double y, double x)
-{
-    double turn = (double)envsamp__turn((float)y, (float)x), sine, cosine;
-    double length = ENVSAMP_SQRT(x * x + y * y);
-
-    if (!(length > 0.0))
-        return 0.0;
-    envsamp__sincos_pi(2.0 * turn, &sine, &cosine);
-    turn += (y * cosine - x * sine) / (length * 2.0 * ENVSAMP__PI);
-    turn = turn > 0.0 ? turn : 0.0;
-    return turn < 1.0 ? turn : 1.0;
-}
-
-/* A direction as edges are stored, in double: u, and the polar angle by its nearer pole. */
-typedef struct envsamp__exact { double x, cap; int south; } envsamp__exact;
-
-ENVSAMP__MATH envsamp__exact envsamp__exact_place(uint32_t mapping, const float dir[3])
-{
-    double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2];
-    double length = ENVSAMP_SQRT(x * x + y * y + z * z), r, b;
-    envsamp__exact e;
-
-    e.cap = (x * x + y * y) / (length * (length + ENVSAMP__FABS(z)));
-    e.south = z < 0.0;
-    if (mapping != ENVSAMP_OCTAHEDRAL) {
-        e.x = envsamp__exact_turn(y, x);
-        return e;
-    }
-    r = ENVSAMP_SQRT(e.cap);           /* |2 u - 1| + |2 v - 1| above the equator */
-    b = 4.0 * envsamp__exact_turn(ENVSAMP__FABS(y), ENVSAMP__FABS(x)) * r;
-    e.x = e.south ? 1.0 - b : r - b;
-    e.cap = e.south ? 1.0 - (r - b) : b;
-    e.x = 0.5 * (x < 0.0 ? 1.0 - e.x : 1.0 + e.x);
-    e.cap = 0.5 * (y < 0.0 ? 1.0 - e.cap : 1.0 + e.cap);
-    e.south = 0;
-    return e;
-}
-
-/* How far, in solid angle, a direction is from one stored edge to another. */
-ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1)
-{
-    double top = (double)ENVSAMP_FABSF(y0), end = (double)ENVSAMP_FABSF(y1);
-
-    return envsamp__cap_between(top, envsamp__sign(y0), e.cap, e.south)
-         / envsamp__cap_between(top, envsamp__sign(y0), end, envsamp__sign(y1));
-}
-
-ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
-                                                 float u[2])
-{
-    float polar, cut[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, edge[4];
-    envsamp__diamond d;
-    envsamp__exact e;
-    uint32_t link;
-    int tile;
-
-    ENVSAMP_ASSERT(kd && dir && u);
-    u[0] = u[1] = 0.0f;
-    d = envsamp__place(kd->mapping, kd->polar_end, dir[0], dir[1] + 0.0f, dir[2],
-                       ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
-    if (kd->select != ENVSAMP_KD_WARP || !d.valid)
-        return 0;
-    e = envsamp__exact_place(kd->mapping, dir);
-    polar = envsamp__with_sign((float)e.cap, e.south);
-    tile = envsamp__tile_at(kd, d.azimuth, d.polar);
-    ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
-    link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
-    while (link & ENVSAMP__INNER) {
-        const envsamp__warp *node = ENVSAMP__ARRAY(envsamp__warp, kd, warp)
-                                  + (link & ~ENVSAMP__INNER);
-        int axis = envsamp__sign(node->cut);
-        int high = axis ? envsamp__edge_key(polar) >= envsamp__edge_key(node->edge)
-                        : e.x >= (double)node->edge;
-
-        cut[2 * axis + 1 - high] = ENVSAMP_FABSF(node->cut);
-        edge[2 * axis + 1 - high] = node->edge;
-        link = node->child[high];
-    }
-    if (!link)
-        return 0;
-    u[0] = envsamp__invert_between((uint32_t)tile & ((1u << kd->tile_bits_x) - 1), kd->tile_bits_x,
-                            cut[0], cut[1],
-                            (e.x - (double)edge[0]) / ((double)edge[1] - (double)edge[0]));
-    u[1] = envsamp__invert_between((uint32_t)tile >> kd->tile_bits_x, kd->tile_bits_y, cut[2],
-                                   cut[3], envsamp__exact_between(e, edge[2], edge[3]));
-    return 1;
-}
-
-/* ---- many at a time ---- */
 
 /* Points and densities of a batch: all x, all north, all south, all densities; before, of WARP, the
    cuts that bound their blocks. */
@@ -5893,6 +5280,62 @@ ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float
         envsamp__sample_batch(kd, (int)(n - i), u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
 }
 
+/* ---- density ---- */
+
+/* The link of the grid at a place. */
+ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__diamond d)
+{
+    uint32_t column = envsamp__index(d.azimuth * kd->grid_scale_x, 1u << kd->grid_bits_x);
+    uint32_t row = envsamp__index(d.polar * kd->grid_scale_y, 1u << kd->grid_bits_y);
+    int cell = (int)((row << kd->grid_bits_x) + column);
+
+    return ENVSAMP__ARRAY(uint32_t, kd, grid)[cell] & (0u - (uint32_t)d.valid);
+}
+
+ENVSAMP__HOT uint64_t envsamp__place_bits(envsamp__diamond d)
+{
+    return envsamp__float_bits(d.azimuth) | (uint64_t)envsamp__float_bits(d.polar) << 32;
+}
+
+#define ENVSAMP__STRIDES 3      /* cuts before a density asks whether it has arrived: each question
+                                   may be guessed wrong, each cut too many costs a little */
+
+/* One cut on the way down, without a branch: of the two coordinates in `place` the sign of the cut
+   picks one. Floats of 0 and more compare as integers, which keeps the chain from link to link
+   short; that chain is what a density costs. */
+ENVSAMP__HOT uint32_t envsamp__node_step(const envsamp__node *node, uint64_t place)
+{
+    uint32_t bits = envsamp__float_bits(node->cut), low = node->child[0], high = node->child[1];
+    uint32_t at = (uint32_t)(place >> (bits >> 26 & 32));
+
+    return low ^ ((low ^ high) & (0u - (uint32_t)(at >= (bits & 0x7fffffffu))));
+}
+
+ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3])
+{
+    const envsamp__node *nodes;
+    envsamp__diamond d;
+    uint64_t place;
+    uint32_t link;
+    int i;
+
+    ENVSAMP_ASSERT(kd && dir);
+    nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
+    d = envsamp__place(kd->mapping, kd->polar_end, dir[0], dir[1], dir[2],
+                       ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
+    link = envsamp__grid_link(kd, d);
+    place = envsamp__place_bits(d);
+    do {
+        for (i = 0; i < ENVSAMP__STRIDES; i++) {
+            uint32_t inner = 0u - (link >> 31);     /* all ones until a density is reached */
+            uint32_t next = envsamp__node_step(&nodes[link & ~ENVSAMP__INNER & inner], place);
+
+            link ^= (link ^ next) & inner;
+        }
+    } while (link & ENVSAMP__INNER);
+    return envsamp__bits_float(link);
+}
+
 ENVSAMP__HOT void envsamp__pdf_batch(const envsamp_kd *kd, int n, const float *x, const float *y,
                                      const float *z, float *pdf)
 {
@@ -5944,6 +5387,80 @@ ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x
     if (i < n)
         envsamp__pdf_batch(kd, (int)(n - i), x + i, y + i, z + i, pdf + i);
 }
+
+/* ---- inverse ---- */
+
+/* The tile in a direction: down the crown. */
+ENVSAMP__MATH int envsamp__tile_at(const envsamp_kd *kd, float azimuth, float polar)
+{
+    const envsamp__node *nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
+    uint32_t bits = kd->tile_bits_x + kd->tile_bits_y, node = 0, level, at[2] = { 0, 0 };
+
+    for (level = 0; level < bits; level++) {
+        float cut = nodes[node].cut;
+        uint32_t axis = cut < 0.0f, high = axis ? polar >= -cut : azimuth >= cut;
+
+        at[axis] = 2 * at[axis] + high;
+        node = 2 * node + 1 + high;
+    }
+    return (int)((at[1] << kd->tile_bits_x) + at[0]) & ((1 << bits) - 1);     /* if damaged */
+}
+
+/* Where between two cuts of the unit square lies the fraction f between their edges, as the number
+   that samples it: below the higher one, which belongs to the next block. */
+ENVSAMP__MATH float envsamp__invert_between(uint32_t tile, uint32_t bits, float low, float high,
+                                            double f)
+{
+    double scale = 1.0 / (double)(1u << bits), place = (double)tile;
+    float u, end = (float)((place + (double)high) * scale);
+
+    f = f > 0.0 ? (f < 1.0 ? f : 1.0) : 0.0;
+    u = (float)((place + (double)low + f * ((double)high - (double)low)) * scale);
+    return envsamp__at_most(u, envsamp__bits_float(envsamp__float_bits(end) - 1));
+}
+
+ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
+                                                 float u[2])
+{
+    float polar, cut[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, edge[4];
+    envsamp__diamond d;
+    envsamp__exact e;
+    uint32_t link;
+    int tile;
+
+    ENVSAMP_ASSERT(kd && dir && u);
+    u[0] = u[1] = 0.0f;
+    d = envsamp__place(kd->mapping, kd->polar_end, dir[0], dir[1] + 0.0f, dir[2],
+                       ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
+    if (kd->select != ENVSAMP_KD_WARP || !d.valid)
+        return 0;
+    e = envsamp__exact_place(kd->mapping, dir);
+    polar = envsamp__with_sign((float)e.cap, e.south);
+    tile = envsamp__tile_at(kd, d.azimuth, d.polar);
+    ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
+    link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
+    while (link & ENVSAMP__INNER) {
+        const envsamp__warp *node = ENVSAMP__ARRAY(envsamp__warp, kd, warp)
+                                  + (link & ~ENVSAMP__INNER);
+        int axis = envsamp__sign(node->cut);
+        int high = axis ? envsamp__edge_key(polar) >= envsamp__edge_key(node->edge)
+                        : e.x >= (double)node->edge;
+
+        cut[2 * axis + 1 - high] = ENVSAMP_FABSF(node->cut);
+        edge[2 * axis + 1 - high] = node->edge;
+        link = node->child[high];
+    }
+    if (!link)
+        return 0;
+    u[0] = envsamp__invert_between((uint32_t)tile & ((1u << kd->tile_bits_x) - 1), kd->tile_bits_x,
+                            cut[0], cut[1],
+                            (e.x - (double)edge[0]) / ((double)edge[1] - (double)edge[0]));
+    u[1] = envsamp__invert_between((uint32_t)tile >> kd->tile_bits_x, kd->tile_bits_y, cut[2],
+                                   cut[3], envsamp__exact_between(e, edge[2], edge[3]));
+    return 1;
+}
+
+/* ---- blocks ---- */
 
 ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_info *info)
 {
@@ -6014,17 +5531,6 @@ static void envsamp__warp_block(const envsamp_kd *kd, uint32_t number, envsamp__
                  / (double)(1u << (kd->tile_bits_x + kd->tile_bits_y));
 }
 
-/* v of an edge in polar angle. */
-static float envsamp__edge_v(uint32_t mapping, float y)
-{
-    envsamp__row row = envsamp__edge_row(y);
-
-    if (mapping == ENVSAMP_OCTAHEDRAL)
-        return y;
-    return (mapping == ENVSAMP_HEMISPHERE ? 2.0f : 1.0f)
-         * envsamp__polar_fraction(row.north, row.south);
-}
-
 ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number,
                                                 envsamp_kd_block *block)
 {
@@ -6056,7 +5562,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
 }
 
 /* ============================================================================================
- * CDF                                                                          [search: @cdf]
+ * CDF                                                                           [search: @cdf]
  *
  * u1 chooses a row by its share of the light, u0 a texel of the row by its share of the row's.
  * Both are kept as whole parts of 2^24: a float u has that many values, so what is drawn is exactly
@@ -10000,6 +9506,517 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
         azimuth -= (double)(int64_t)azimuth;
         out[i] = lights[i];
         envsamp__turn_dir(lights[i].dir, sine, cosine, azimuth, out[i].dir);
+    }
+    return ENVSAMP_OK;
+}
+
+/* ============================================================================================
+ * NONLINEAR LEAST SQUARES                                                        [search: @lm]
+ *
+ * Minimises |f(x)|^2 over n <= 8 parameters. Each iteration solves, inside a trust region,
+ *
+ *     min |J p + f|^2   subject to   |D p| <= delta
+ *
+ * where D holds the largest norm seen of each column of J [5, section 6]. In the scaled variables
+ * z = D p the Householder QR of J D^-1 leaves an n by n triangle, whose singular value
+ * decomposition turns Levenberg's damped system [3] into n separate equations. The damping that
+ * meets the step bound, the step and the predicted decrease then cost O(n^2), and a rank-deficient
+ * Jacobian needs no case of its own. Normal equations would square the condition number.
+ * ========================================================================================== */
+
+enum { ENVSAMP__LM_MAX_PARAMS = 8 };
+
+typedef struct envsamp__lm {
+    envsamp_lm_fn fn;
+    void *user;
+    int n, m, iterations, evaluations, converged, stopped;
+    int stale;                             /* the Jacobian belongs to an earlier point */
+    int flat;                              /* f is nearly at right angles to the columns of J */
+    int fine;                              /* steps of differences are shorter than usual */
+    int untold;                            /* something that moves f is lost in its rounding */
+    int idle;                              /* a bit for each parameter that moves no residual */
+    double ftol, xtol, gtol;
+    double *params;                        /* the caller's: the best point so far */
+    double *column[ENVSAMP__LM_MAX_PARAMS];  /* of J: m each */
+    double *residuals, *trial;             /* unit f at params; that of the point being tried */
+    double unit, cost;                     /* see envsamp__lm_evaluate; |unit f|^2 */
+    double delta;                          /* trust radius in |D p| */
+    double scale[ENVSAMP__LM_MAX_PARAMS];  /* D */
+    double before[ENVSAMP__LM_MAX_PARAMS];  /* D at the point before */
+    double r[ENVSAMP__LM_MAX_PARAMS][2 * ENVSAMP__LM_MAX_PARAMS];  /* columns of R V, then of V */
+    double sigma2[ENVSAMP__LM_MAX_PARAMS];  /* squared singular values of J D^-1 */
+    double slope[ENVSAMP__LM_MAX_PARAMS];   /* gradient D^-1 J^T f, along V */
+    double along[ENVSAMP__LM_MAX_PARAMS];   /* the step: D p along V */
+    double damping, correction;            /* Levenberg's lambda of it, and Newton's step in that */
+    double length, linear_decrease;        /* |D p|, |J p|^2 */
+} envsamp__lm;
+
+/* Four running sums: the additions overlap, and rounding grows four times slower. */
+static double envsamp__lm_dot(const double *a, const double *b, int count)
+{
+    double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0;
+    int i = 0;
+
+    for (; i < count - 3; i += 4) {
+        s0 += a[i] * b[i];
+        s1 += a[i + 1] * b[i + 1];
+        s2 += a[i + 2] * b[i + 2];
+        s3 += a[i + 3] * b[i + 3];
+    }
+    for (; i < count; i++)
+        s0 += a[i] * b[i];
+    return (s0 + s1) + (s2 + s3);
+}
+
+/* The power of two, from 2^-1000 to 2^1000, that brings the largest of the numbers to 1 to 2;
+   0 where that is 2^1001 or more. */
+static double envsamp__lm_unit(const double *values, int count)
+{
+    int exponent = envsamp__max_int(envsamp__exponent(values, count), 23);
+    uint64_t bits = exponent > 2023 ? 0 : (uint64_t)(2046 - exponent) << 52;
+    double unit;
+
+    ENVSAMP_MEMCPY(&unit, &bits, sizeof unit);
+    return unit;
+}
+
+/* |D x|: the length against which xtol is relative; 0 where that is not finite. */
+static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
+{
+    double scaled[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, norm2;
+    int j;
+
+    for (j = 0; j < lm->n; j++)
+        scaled[j] = lm->scale[j] * lm->params[j];
+    norm2 = envsamp__lm_dot(scaled, scaled, lm->n);
+    return envsamp__exponent(&norm2, 1) < 0x7ff ? ENVSAMP_SQRT(norm2) : 0.0;
+}
+
+/* The residuals at a point times `unit`, and their cost, or -1 where it is not finite. A unit of 0
+   becomes 1, or what they need for squares that neither overflow nor underflow. */
+static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double *residuals,
+                                   double *unit)
+{
+    double cost;
+    int i, exponent;
+
+    if (envsamp__exponent(point, lm->n) == 0x7ff)
+        return -1.0;
+    lm->evaluations++;
+    lm->fn(point, residuals, lm->user);
+    cost = envsamp__lm_dot(residuals, residuals, lm->m);
+    exponent = envsamp__exponent(&cost, 1);
+    if (*unit <= 0.0)
+        *unit = exponent > 423 && exponent < 1623 ? 1.0 : envsamp__lm_unit(residuals, lm->m);
+    if (*unit != 1.0) {
+        for (i = 0; i < lm->m; i++)
+            residuals[i] *= *unit;
+        cost = envsamp__lm_dot(residuals, residuals, lm->m);
+    }
+    return *unit > 0.0 && envsamp__exponent(&cost, 1) < 0x7ff ? cost : -1.0;
+}
+
+/* Column j of J D^-1 by a difference over about h, with D raised to its norm where that is larger
+   than before, or lowered to 2^20 times it. By how much the residuals changed, relative to the
+   least change that stands out from their rounding. -1 where that is not finite, or far too much
+   for a step that is not short beside its parameter. */
+static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
+{
+    double point[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, *column = lm->column[j];
+    double unit, norm, scale, change;
+    int i;
+
+    ENVSAMP_MEMCPY(point, lm->params, (size_t)lm->n * sizeof(double));
+    point[j] += h;
+    if (envsamp__lm_evaluate(lm, point, column, &lm->unit) < 0.0)
+        return -1.0;
+    h = point[j] - lm->params[j];  /* what rounding left of it */
+    unit = envsamp__lm_unit(&h, 1);
+    h *= unit;
+    for (i = 0; i < lm->m; i++)
+        column[i] = (column[i] - lm->residuals[i]) / h;
+    norm = ENVSAMP_SQRT(envsamp__lm_dot(column, column, lm->m));
+    scale = envsamp__clamp(lm->before[j] / unit, norm, norm * 1048576.0);
+    lm->scale[j] = scale * unit;
+    if (envsamp__exponent(&lm->scale[j], 1) == 0x7ff)
+        return -1.0;
+    for (i = 0; i < lm->m && scale > 0.0; i++)
+        column[i] /= scale;
+    change = norm * ENVSAMP__FABS(h) / (1024.0 * DBL_EPSILON * ENVSAMP_SQRT(lm->cost));
+    unit *= 1e-7 * ENVSAMP__FABS(lm->params[j]);
+    return change > 4294967296.0 && ENVSAMP__FABS(h) > unit ? -1.0 : change;
+}
+
+/* Column j where a difference over h was lost in rounding, not finite or far too much: steps grow,
+   ahead and back in turn, until one stands out, and close in on what is too much. Otherwise the
+   parameter rests; it is idle if no step moved a residual. */
+static void envsamp__lm_search(envsamp__lm *lm, int j, double h, double change)
+{
+    const double root = ENVSAMP_SQRT(DBL_EPSILON);
+    const int flag = 1 << j;
+    double wall = change < 0.0 ? ENVSAMP__FABS(h) : 0.0, factor = 65536.0, next, low[2];
+    int pass, back = h < 0.0, moved = change != 0.0, passes = moved || !(lm->idle & flag) ? 24 : 0;
+
+    lm->idle &= ~flag;
+    low[0] = low[1] = wall > 0.0 ? DBL_MIN * root + DBL_EPSILON * ENVSAMP__FABS(lm->params[j])
+                                 : ENVSAMP__FABS(h);
+    for (pass = 0; pass < passes; pass++) {
+        next = envsamp__max(low[0], low[1]);
+        next = 2.0 * next < root ? root : next < 1e300 / factor ? next * factor : 1e300;
+        if (wall > 0.0)
+            next = ENVSAMP_SQRT(low[back]) * ENVSAMP_SQRT(wall);
+        if (next < 1.001 * low[back])
+            break;
+        change = envsamp__lm_difference(lm, j, back ? -next : next);
+        moved |= change != 0.0;
+        if (change > 1.0)
+            return;
+        if (change < 0.0) {
+            wall = next;
+        } else {
+            low[back] = next;
+            back ^= wall <= 0.0;
+            factor *= pass > 1 && factor < 1e150 ? factor : 1.0;
+        }
+    }
+    ENVSAMP_MEMSET(lm->column[j], 0, (size_t)lm->m * sizeof(double));
+    lm->scale[j] = lm->before[j];
+    lm->untold |= moved;
+    lm->idle |= moved ? 0 : flag;
+}
+
+/* J D^-1. A step of sqrt(epsilon) of a parameter's size balances truncation against rounding; but
+   one near zero must still move the residuals by sqrt(epsilon) of their norm, or rounding in them
+   swamps the difference. */
+static void envsamp__lm_jacobian(envsamp__lm *lm)
+{
+    double fnorm = ENVSAMP_SQRT(lm->cost), root = ENVSAMP_SQRT(DBL_EPSILON), h, change;
+    int j;
+
+    lm->untold = 0;
+    for (j = 0; j < lm->n; j++) {
+        lm->before[j] = lm->scale[j];
+        h = ENVSAMP__FABS(lm->params[j]);
+        if (lm->scale[j] > 0.0 && h < 1.0)
+            h = envsamp__max(h, fnorm < lm->scale[j] ? fnorm / lm->scale[j] : 1.0);
+        h *= lm->fine ? root / 8192.0 : root;
+        h = h > 0.0 ? envsamp__max(h, DBL_MIN) : root;
+        change = envsamp__lm_difference(lm, j, h);
+        if (change < 0.0) {
+            change = envsamp__lm_difference(lm, j, -h);
+            h = change < 0.0 ? h : -h;
+        }
+        if (change > 1.0)
+            lm->idle &= ~(1 << j);
+        else
+            envsamp__lm_search(lm, j, h, change);
+    }
+    lm->untold |= lm->idle == (1 << lm->n) - 1;
+}
+
+static void envsamp__lm_reflect(const double *v, double beta, double *target, int count)
+{
+    double weight = beta * envsamp__lm_dot(v, target, count);
+    int i;
+
+    for (i = 0; i < count; i++)
+        target[i] -= weight * v[i];
+}
+
+/* QR of J D^-1 in place: the columns of R and of I, and Q^T f in the first n values of trial. A
+   Householder reflection clears v below its first element and becomes I - beta v v^T. */
+static void envsamp__lm_triangle(envsamp__lm *lm)
+{
+    int i, j, k;
+
+    ENVSAMP_MEMCPY(lm->trial, lm->residuals, (size_t)lm->m * sizeof(double));
+    for (k = 0; k < lm->n; k++) {
+        double *v = lm->column[k] + k;
+        double norm2 = envsamp__lm_dot(v, v, lm->m - k), norm = ENVSAMP_SQRT(norm2), beta = 0.0;
+
+        for (i = 0; i < 2 * lm->n; i++)
+            lm->r[k][i] = i < k ? lm->column[k][i] : i == lm->n + k ? 1.0 : 0.0;
+        if (norm2 >= DBL_MIN) {  /* below this beta would overflow */
+            beta = 1.0 / (norm * (norm + ENVSAMP__FABS(v[0])));
+            lm->r[k][k] = v[0] > 0.0 ? -norm : norm;
+            v[0] -= lm->r[k][k];
+        }
+        for (j = k + 1; j < lm->n; j++)
+            envsamp__lm_reflect(v, beta, lm->column[j] + k, lm->m - k);
+        envsamp__lm_reflect(v, beta, lm->trial + k, lm->m - k);
+    }
+}
+
+/* One-sided Jacobi: R V has orthogonal columns, whose norms are the singular values. It keeps
+   small singular values of a matrix with badly scaled columns relatively exact. */
+static void envsamp__lm_decompose(envsamp__lm *lm)
+{
+    double *a, *b, aa, bb, ab, zeta, tangent, cosine, ai;
+    int i, j, k, sweep, moved = 1;
+
+    for (sweep = 0; moved && sweep < 40; sweep++) {
+        moved = 0;
+        for (k = 0; k < lm->n * lm->n; k++) {
+            a = lm->r[k % lm->n];
+            b = lm->r[k / lm->n];
+            aa = envsamp__lm_dot(a, a, lm->n);
+            bb = envsamp__lm_dot(b, b, lm->n);
+            ab = envsamp__lm_dot(a, b, lm->n);
+            if (a >= b || ENVSAMP__FABS(ab) <= DBL_EPSILON * ENVSAMP_SQRT(aa) * ENVSAMP_SQRT(bb))
+                continue;           /* they are orthogonal already */
+            zeta = (bb - aa) / (2.0 * ab);
+            tangent = 1.0 / (ENVSAMP__FABS(zeta) + ENVSAMP_SQRT(1.0 + zeta * zeta));
+            if (zeta < 0.0)
+                tangent = -tangent;
+            cosine = 1.0 / ENVSAMP_SQRT(1.0 + tangent * tangent);
+            for (i = 0; i < 2 * lm->n; i++) {
+                ai = a[i];
+                a[i] = cosine * ai - cosine * tangent * b[i];
+                b[i] = cosine * tangent * ai + cosine * b[i];
+            }
+            moved = 1;
+        }
+    }
+    for (j = 0; j < lm->n; j++) {
+        lm->sigma2[j] = envsamp__lm_dot(lm->r[j], lm->r[j], lm->n);
+        lm->slope[j] = envsamp__lm_dot(lm->r[j], lm->trial, lm->n);
+    }
+}
+
+/* All about f at params that a step needs. Stops at a root and where f is at right angles to J. */
+static void envsamp__lm_linearise(envsamp__lm *lm)
+{
+    double fnorm = ENVSAMP_SQRT(lm->cost), largest = 0.0;
+    int j;
+
+    lm->converged = lm->stopped = fnorm <= DBL_MIN / 1048576.0 * lm->unit;
+    if (lm->stopped)
+        return;
+    envsamp__lm_jacobian(lm);
+    envsamp__lm_triangle(lm);
+    for (j = 0; j < lm->n; j++) {
+        double norm = ENVSAMP_SQRT(envsamp__lm_dot(lm->r[j], lm->r[j], lm->n));
+        double along = ENVSAMP__FABS(envsamp__lm_dot(lm->r[j], lm->trial, lm->n));
+
+        largest = envsamp__max(largest, norm > 0.0 ? along / norm : 0.0);
+    }
+    largest /= fnorm;
+    lm->flat = largest <= 1e-6 + lm->xtol + ENVSAMP_SQRT(lm->ftol)
+                       + 64.0 * DBL_EPSILON * envsamp__lm_scaled_norm(lm) / fnorm;
+    lm->stopped = largest <= lm->gtol;
+    lm->converged = lm->stopped && !lm->untold;
+    envsamp__lm_decompose(lm);
+    lm->stale = 0;
+}
+
+/* The minimiser of |J p + f|^2 + damping |D p|^2, along V. Directions below the rounding of J are
+   left out, which gives the shortest of the undamped minimisers. The correction is Newton's on
+   1 / |D p| - 1 / delta, which is nearly linear in the damping [5, section 5, after Hebden]. */
+static void envsamp__lm_damped(envsamp__lm *lm, double damping)
+{
+    double largest = 0.0, bend = 0.0, cutoff, share;
+    int j;
+
+    for (j = 0; j < lm->n; j++)
+        largest = envsamp__max(largest, lm->sigma2[j]);
+    cutoff = largest * (lm->n * DBL_EPSILON) * (lm->n * DBL_EPSILON);
+    lm->damping = damping;
+    lm->linear_decrease = 0.0;
+    for (j = 0; j < lm->n; j++) {
+        lm->along[j] = lm->sigma2[j] > cutoff ? -lm->slope[j] / (lm->sigma2[j] + damping) : 0.0;
+        lm->linear_decrease += lm->sigma2[j] * lm->along[j] * lm->along[j];
+    }
+    lm->length = ENVSAMP_SQRT(envsamp__lm_dot(lm->along, lm->along, lm->n));
+    for (j = 0; j < lm->n && lm->length > 0.0; j++) {
+        share = lm->along[j] / lm->length;
+        if (share != 0.0)
+            bend += share * share / (lm->sigma2[j] + damping);
+    }
+    bend *= lm->delta;
+    lm->correction = bend > 0.0 ? (lm->length - lm->delta) / bend : 0.0;  /* 0: bisect */
+}
+
+/* The damping, zero or such that |D p| is within a tenth of delta. |D p| <= |slope| / damping
+   bounds it from above; Newton steps that leave the bracket are replaced by a bisection. */
+static void envsamp__lm_solve(envsamp__lm *lm)
+{
+    double low = 0.0, high, damping;
+    int pass;
+
+    envsamp__lm_damped(lm, 0.0);
+    if (lm->length <= 1.1 * lm->delta)
+        return;
+    high = ENVSAMP_SQRT(envsamp__lm_dot(lm->slope, lm->slope, lm->n)) / lm->delta;
+    damping = lm->correction;
+    for (pass = 0; pass < 60; pass++) {
+        if (!(damping > low && damping < high))
+            damping = envsamp__max(ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high), 0.001 * high);
+        envsamp__lm_damped(lm, damping);
+        if (ENVSAMP__FABS(lm->length - lm->delta) <= 0.1 * lm->delta)
+            return;
+        low = lm->length > lm->delta ? damping : low;
+        high = lm->length > lm->delta ? high : damping;
+        damping += lm->correction;
+    }
+}
+
+/* The new trust radius from the actual decrease, relative to the cost, and its ratio to the
+   predicted one [5, section 4]. A failed step shrinks it to the minimum of the parabola
+   through the slope and the two costs, but to between a tenth and a half. */
+static void envsamp__lm_resize(envsamp__lm *lm, double actual, double ratio)
+{
+    double descent = (lm->linear_decrease + lm->damping * lm->length * lm->length) / lm->cost;
+    double shrink = 0.5, reach = 10.0 * lm->length;
+
+    if (ratio > 0.25) {
+        if (lm->damping <= 0.0 || ratio >= 0.75)
+            lm->delta = 2.0 * lm->length;
+        return;
+    }
+    if (actual < 0.0)
+        shrink = envsamp__max(0.5 * descent / (descent - 0.5 * actual), 0.1);
+    lm->delta = shrink * (lm->delta < reach ? lm->delta : reach);
+}
+
+/* One trial step: taken if it brings a ten-thousandth of the decrease that J promised. Where steps
+   ever shorter bring none, though J promises more than a tolerance and rounding, J is not what it
+   should be: differences over shorter steps are tried, and if these fail too the search ends. */
+static void envsamp__lm_iterate(envsamp__lm *lm)
+{
+    double point[ENVSAMP__LM_MAX_PARAMS], *spent = lm->residuals;
+    double unit = 0.0, cost, grown = 100.0, actual = -99.0, predicted, ratio, z;
+    int i, j;
+
+    envsamp__lm_solve(lm);
+    for (i = 0; i < lm->n; i++) {  /* x + D^-1 V y */
+        for (z = 0.0, j = 0; j < lm->n; j++)
+            z += lm->r[j][lm->n + i] * lm->along[j];
+        point[i] = lm->params[i] + (lm->scale[i] > 0.0 ? z / lm->scale[i] : 0.0);
+    }
+    if (lm->iterations++ == 0 && lm->length < lm->delta)
+        lm->delta = lm->length;
+
+    cost = envsamp__lm_evaluate(lm, point, lm->trial, &unit);
+    predicted = (lm->linear_decrease + 2.0 * lm->damping * lm->length * lm->length) / lm->cost;
+    if (cost >= 0.0)
+        grown = cost * (lm->unit / unit) * (lm->unit / unit) / lm->cost;
+    if (grown < 100.0)  /* ten times the residuals or more fail like what is not finite */
+        actual = 1.0 - grown;
+    ratio = predicted > 0.0 ? actual / predicted : 0.0;
+    envsamp__lm_resize(lm, actual, ratio);
+    if (ratio >= 1e-4) {
+        lm->residuals = lm->trial;
+        lm->trial = spent;
+        for (i = 0; i < lm->n; i++) {
+            lm->params[i] = point[i];
+            lm->scale[i] *= unit / lm->unit;
+        }
+        lm->delta *= unit / lm->unit;
+        lm->unit = unit;
+        lm->cost = cost;
+        lm->stale = 1;
+    }
+
+    if (!(ENVSAMP__FABS(actual) <= lm->ftol && predicted <= lm->ftol && ratio <= 2.0)
+        && !(lm->delta <= lm->xtol * envsamp__lm_scaled_norm(lm)))
+        return;
+    if (lm->damping <= 0.0 || lm->flat) {
+        lm->stopped = 1;
+        lm->converged = !lm->untold;
+    } else if (ratio < 1e-4) {
+        lm->stopped = lm->fine;
+        lm->stale = lm->fine = 1;
+        lm->delta = ENVSAMP_SQRT(lm->cost);
+    }
+}
+
+/* The first trust radius is generous beside params, but wide enough to change f by its own size
+   where they start near zero. An idle parameter is tried again before a search ends. */
+static void envsamp__lm_run(envsamp__lm *lm, int max_iterations)
+{
+    int idle, tried = -1;
+
+    while (!lm->stopped && lm->iterations < max_iterations) {
+        if (lm->stale)
+            envsamp__lm_linearise(lm);
+        if (lm->iterations == 0)
+            lm->delta = envsamp__max(100.0 * envsamp__lm_scaled_norm(lm), ENVSAMP_SQRT(lm->cost));
+        if (!lm->stopped)
+            envsamp__lm_iterate(lm);
+        if (lm->converged && lm->idle && lm->cost > 0.0 && tried < lm->iterations) {
+            tried = lm->iterations;
+            idle = lm->idle;
+            lm->idle = 0;
+            envsamp__lm_jacobian(lm);
+            lm->stale = lm->idle != idle || lm->untold;
+            lm->stopped = lm->converged = !lm->stale;
+        }
+    }
+}
+
+/* 0 or more, or infinite; no NaN. */
+static int envsamp__lm_is_tolerance(const double *asked)
+{
+    uint64_t bits = envsamp__double_bits(asked);
+
+    return bits <= (uint64_t)0x7ff << 52 || bits == (uint64_t)1 << 63;
+}
+
+ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
+{
+    size_t row_bytes;
+
+    if (!desc || desc->param_count < 1 || desc->param_count > ENVSAMP__LM_MAX_PARAMS
+        || desc->residual_count < desc->param_count || desc->max_iterations < 0
+        || !envsamp__lm_is_tolerance(&desc->ftol) || !envsamp__lm_is_tolerance(&desc->xtol)
+        || !envsamp__lm_is_tolerance(&desc->gtol))
+        return 0;
+    row_bytes = ((size_t)desc->param_count + 2) * sizeof(double);
+    return (size_t)desc->residual_count > (size_t)-1 / row_bytes
+        ? 0 : row_bytes * (size_t)desc->residual_count;
+}
+
+ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn fn, void *user,
+                                      double *params, envsamp_buffer scratch,
+                                      envsamp_lm_info *info)
+{
+    envsamp__lm lm;
+    size_t bytes;
+    int i;
+
+    if (!desc || !fn || !params || !scratch.data)
+        return ENVSAMP_ERR_NULL;
+    bytes = envsamp_lm_scratch_bytes(desc);
+    if (bytes == 0)
+        return ENVSAMP_ERR_PARAM;
+    if (scratch.bytes < bytes)
+        return ENVSAMP_ERR_MEMORY;
+    if ((uintptr_t)scratch.data % ENVSAMP_ALIGN != 0)
+        return ENVSAMP_ERR_ALIGN;
+
+    ENVSAMP_MEMSET(&lm, 0, sizeof lm);
+    lm.fn = fn;
+    lm.user = user;
+    lm.n = desc->param_count;
+    lm.m = desc->residual_count;
+    lm.stale = 1;
+    lm.ftol = desc->ftol > 0.0 ? envsamp__max(desc->ftol, DBL_EPSILON) : 1e-12;
+    lm.xtol = desc->xtol > 0.0 ? envsamp__max(desc->xtol, DBL_EPSILON) : 1e-12;
+    lm.gtol = desc->gtol > 0.0 ? envsamp__max(desc->gtol, DBL_EPSILON) : 1e-12;
+    lm.params = params;
+    for (i = 0; i < lm.n; i++)
+        lm.column[i] = (double *)scratch.data + (size_t)i * (size_t)lm.m;
+    lm.residuals = lm.column[lm.n - 1] + lm.m;
+    lm.trial = lm.residuals + lm.m;
+    lm.cost = envsamp__lm_evaluate(&lm, params, lm.residuals, &lm.unit);
+    if (lm.cost < 0.0)
+        return ENVSAMP_ERR_VALUE;
+    envsamp__lm_run(&lm, desc->max_iterations ? desc->max_iterations : 200);
+    if (info) {
+        info->iterations = lm.iterations;
+        info->evaluations = lm.evaluations;
+        info->converged = lm.converged;
+        info->cost = lm.cost / lm.unit / lm.unit;
     }
     return ENVSAMP_OK;
 }
