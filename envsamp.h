@@ -782,8 +782,7 @@ ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc);
  *   moves the residuals by does not keep the others from converging. Not converged is what ends at
  *   a wall, behind which fn is not finite, at a kink, on a plateau, or where a derivative stays
  *   hidden. Where J is singular at a root the last steps creep, and may use up max_iterations.
- * Source: [3]; trust region, scaling and stopping tests [5], but the equation of the step bound is
- *   solved on singular values. */
+ * Source: [3]; trust region, scaling and stopping tests [5]. */
 ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn fn, void *user,
                                       double *params, envsamp_buffer scratch,
                                       envsamp_lm_info *info);
@@ -9513,59 +9512,44 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
 /* ============================================================================================
  * NONLINEAR LEAST SQUARES                                                        [search: @lm]
  *
- * Minimises |f(x)|^2 over n <= 8 parameters. Each iteration solves, inside a trust region,
- *
- *     min |J p + f|^2   subject to   |D p| <= delta
- *
- * where D holds the largest norm seen of each column of J [5, section 6]. In the scaled variables
- * z = D p the Householder QR of J D^-1 leaves an n by n triangle, whose singular value
- * decomposition turns Levenberg's damped system [3] into n separate equations. The damping that
- * meets the step bound, the step and the predicted decrease then cost O(n^2), and a rank-deficient
- * Jacobian needs no case of its own. Normal equations would square the condition number.
+ * Minimises |f(x)|^2 over n <= 8 parameters by Levenberg's damped least squares [3]: a step z = D p
+ * minimises |J D^-1 z + f|^2 + damping |z|^2, where D holds the largest norm seen of each column of
+ * J [5, section 6], and the damping keeps |z| within a trust radius. Householder QR leaves an n by
+ * n triangle of J D^-1, and that of the triangle above sqrt(damping) I solves for any damping.
  * ========================================================================================== */
 
-enum { ENVSAMP__LM_MAX_PARAMS = 8 };
+#define ENVSAMP__LM_MAX_PARAMS 8
+#define ENVSAMP__LM_LEAST_DAMPING 1e-20
 
 typedef struct envsamp__lm {
     envsamp_lm_fn fn;
     void *user;
     int n, m, iterations, evaluations, converged, stopped;
-    int stale;                             /* the Jacobian belongs to an earlier point */
-    int flat;                              /* f is nearly at right angles to the columns of J */
-    int fine;                              /* steps of differences are shorter than usual */
-    int untold;                            /* something that moves f is lost in its rounding */
-    int idle;                              /* a bit for each parameter that moves no residual */
+    int stale;                  /* the Jacobian belongs to an earlier point */
+    int fine;                   /* steps of differences are shorter than usual */
+    int hidden;                 /* rounding hides the effect of a parameter */
+    int idle;                   /* a bit for each parameter that moves no residual */
     double ftol, xtol, gtol;
-    double *params;                        /* the caller's: the best point so far */
-    double *column[ENVSAMP__LM_MAX_PARAMS];  /* of J: m each */
-    double *residuals, *trial;             /* unit f at params; that of the point being tried */
-    double unit, cost;                     /* see envsamp__lm_evaluate; |unit f|^2 */
-    double delta;                          /* trust radius in |D p| */
-    double scale[ENVSAMP__LM_MAX_PARAMS];  /* D */
-    double before[ENVSAMP__LM_MAX_PARAMS];  /* D at the point before */
-    double r[ENVSAMP__LM_MAX_PARAMS][2 * ENVSAMP__LM_MAX_PARAMS];  /* columns of R V, then of V */
-    double sigma2[ENVSAMP__LM_MAX_PARAMS];  /* squared singular values of J D^-1 */
-    double slope[ENVSAMP__LM_MAX_PARAMS];   /* gradient D^-1 J^T f, along V */
-    double along[ENVSAMP__LM_MAX_PARAMS];   /* the step: D p along V */
-    double damping, correction;            /* Levenberg's lambda of it, and Newton's step in that */
-    double length, linear_decrease;        /* |D p|, |J p|^2 */
+    double *params;             /* the best point so far */
+    double *residuals, *trial;  /* unit f at params and at the point being tried */
+    double unit, cost;          /* see envsamp__lm_evaluate; |unit f|^2 */
+    double cosine;              /* the largest of f and a column of J */
+    double delta, damping;      /* trust radius in |D p|; Levenberg's lambda of the step */
+    double *column[ENVSAMP__LM_MAX_PARAMS];     /* of J D^-1, then of its triangle: m each */
+    double scale[ENVSAMP__LM_MAX_PARAMS];       /* D */
+    double slope[ENVSAMP__LM_MAX_PARAMS];       /* the first n of Q^T f */
+    double step[ENVSAMP__LM_MAX_PARAMS];        /* z */
 } envsamp__lm;
 
-/* Four running sums: the additions overlap, and rounding grows four times slower. */
+/* Four sums: the additions overlap, and rounding grows four times slower. */
 static double envsamp__lm_dot(const double *a, const double *b, int count)
 {
-    double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0;
-    int i = 0;
+    double sum[4] = { 0.0, 0.0, 0.0, 0.0 };
+    int i;
 
-    for (; i < count - 3; i += 4) {
-        s0 += a[i] * b[i];
-        s1 += a[i + 1] * b[i + 1];
-        s2 += a[i + 2] * b[i + 2];
-        s3 += a[i + 3] * b[i + 3];
-    }
-    for (; i < count; i++)
-        s0 += a[i] * b[i];
-    return (s0 + s1) + (s2 + s3);
+    for (i = 0; i < count; i++)
+        sum[i & 3] += a[i] * b[i];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
 /* The power of two, from 2^-1000 to 2^1000, that brings the largest of the numbers to 1 to 2;
@@ -9580,7 +9564,7 @@ static double envsamp__lm_unit(const double *values, int count)
     return unit;
 }
 
-/* |D x|: the length against which xtol is relative; 0 where that is not finite. */
+/* |D x|, against which xtol and the rounding of x count; 0 where that is not finite. */
 static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
 {
     double scaled[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, norm2;
@@ -9608,22 +9592,20 @@ static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double 
     exponent = envsamp__exponent(&cost, 1);
     if (*unit <= 0.0)
         *unit = exponent > 423 && exponent < 1623 ? 1.0 : envsamp__lm_unit(residuals, lm->m);
-    if (*unit != 1.0) {
-        for (i = 0; i < lm->m; i++)
-            residuals[i] *= *unit;
-        cost = envsamp__lm_dot(residuals, residuals, lm->m);
-    }
+    for (i = 0; i < lm->m; i++)
+        residuals[i] *= *unit;
+    cost = envsamp__lm_dot(residuals, residuals, lm->m);
     return *unit > 0.0 && envsamp__exponent(&cost, 1) < 0x7ff ? cost : -1.0;
 }
 
-/* Column j of J D^-1 by a difference over about h, with D raised to its norm where that is larger
-   than before, or lowered to 2^20 times it. By how much the residuals changed, relative to the
-   least change that stands out from their rounding. -1 where that is not finite, or far too much
-   for a step that is not short beside its parameter. */
-static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
+/* Column j of J D^-1 by a difference over about h, with D raised to its norm where that is above
+   `scale`, D before, or lowered to 2^20 times it. By how much the residuals changed, relative to
+   the least change that stands out from their rounding. -1 where that is not finite, or far too
+   much for a step that is not short beside its parameter. */
+static double envsamp__lm_difference(envsamp__lm *lm, int j, double scale, double h)
 {
     double point[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, *column = lm->column[j];
-    double unit, norm, scale, change;
+    double unit, norm, noise, change;
     int i;
 
     ENVSAMP_MEMCPY(point, lm->params, (size_t)lm->n * sizeof(double));
@@ -9636,275 +9618,171 @@ static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
     for (i = 0; i < lm->m; i++)
         column[i] = (column[i] - lm->residuals[i]) / h;
     norm = ENVSAMP_SQRT(envsamp__lm_dot(column, column, lm->m));
-    scale = envsamp__clamp(lm->before[j] / unit, norm, norm * 1048576.0);
+    scale = envsamp__clamp(scale / unit, norm, norm * 1048576.0);
     lm->scale[j] = scale * unit;
     if (envsamp__exponent(&lm->scale[j], 1) == 0x7ff)
         return -1.0;
     for (i = 0; i < lm->m && scale > 0.0; i++)
         column[i] /= scale;
-    change = norm * ENVSAMP__FABS(h) / (1024.0 * DBL_EPSILON * ENVSAMP_SQRT(lm->cost));
+    noise = DBL_EPSILON * (1024.0 * ENVSAMP_SQRT(lm->cost) + 4.0 * envsamp__lm_scaled_norm(lm));
+    change = norm * ENVSAMP__FABS(h) / noise;
     unit *= 1e-7 * ENVSAMP__FABS(lm->params[j]);
     return change > 4294967296.0 && ENVSAMP__FABS(h) > unit ? -1.0 : change;
 }
 
-/* Column j where a difference over h was lost in rounding, not finite or far too much: steps grow,
-   ahead and back in turn, until one stands out, and close in on what is too much. Otherwise the
-   parameter rests; it is idle if no step moved a residual. */
-static void envsamp__lm_search(envsamp__lm *lm, int j, double h, double change)
+/* Column j of J D^-1. A step of sqrt(epsilon) of a parameter's size balances truncation against
+   rounding; but one near zero must still move the residuals by sqrt(epsilon) of their norm, or
+   rounding in them swamps the difference. Steps ahead and back grow until one stands out from
+   rounding, and close in on what is not finite or far too much. If none does the parameter rests;
+   it is idle if no step moved a residual. */
+static void envsamp__lm_column(envsamp__lm *lm, int j)
 {
-    const double root = ENVSAMP_SQRT(DBL_EPSILON);
-    const int flag = 1 << j;
-    double wall = change < 0.0 ? ENVSAMP__FABS(h) : 0.0, factor = 65536.0, next, low[2];
-    int pass, back = h < 0.0, moved = change != 0.0, passes = moved || !(lm->idle & flag) ? 24 : 0;
+    const double root = ENVSAMP_SQRT(DBL_EPSILON), fnorm = ENVSAMP_SQRT(lm->cost);
+    const double scale = lm->scale[j], size = ENVSAMP__FABS(lm->params[j]);
+    double h = size, low = DBL_MIN * root + DBL_EPSILON * size, wall = 0.0, factor = 65536.0;
+    int pass, moved = 0, passes = lm->idle >> j & 1 ? 2 : 26;
 
-    lm->idle &= ~flag;
-    low[0] = low[1] = wall > 0.0 ? DBL_MIN * root + DBL_EPSILON * ENVSAMP__FABS(lm->params[j])
-                                 : ENVSAMP__FABS(h);
-    for (pass = 0; pass < passes; pass++) {
-        next = envsamp__max(low[0], low[1]);
-        next = 2.0 * next < root ? root : next < 1e300 / factor ? next * factor : 1e300;
-        if (wall > 0.0)
-            next = ENVSAMP_SQRT(low[back]) * ENVSAMP_SQRT(wall);
-        if (next < 1.001 * low[back])
-            break;
-        change = envsamp__lm_difference(lm, j, back ? -next : next);
-        moved |= change != 0.0;
+    if (scale > 0.0 && h < 1.0)
+        h = envsamp__max(h, fnorm < scale ? fnorm / scale : 1.0);
+    h *= lm->fine ? root / 8192.0 : root;
+    h = h > 0.0 ? envsamp__max(h, DBL_MIN) : root;
+    lm->idle &= ~(1 << j);
+    for (pass = 0; pass < passes && h > 1.001 * low; pass++) {
+        double change = envsamp__lm_difference(lm, j, scale, pass & 1 ? -h : h);
+
         if (change > 1.0)
             return;
-        if (change < 0.0) {
-            wall = next;
-        } else {
-            low[back] = next;
-            back ^= wall <= 0.0;
-            factor *= pass > 1 && factor < 1e150 ? factor : 1.0;
-        }
+        moved |= change != 0.0;
+        wall = change < 0.0 ? h : wall;
+        if (!(pass & 1))
+            continue;
+        low = change < 0.0 ? low : h;
+        h = 2.0 * h < root ? root : h < 1e300 / factor ? h * factor : 1e300;
+        if (wall > 0.0)
+            h = ENVSAMP_SQRT(low) * ENVSAMP_SQRT(wall);
+        factor *= pass > 2 && factor < 1e150 ? factor : 1.0;
     }
     ENVSAMP_MEMSET(lm->column[j], 0, (size_t)lm->m * sizeof(double));
-    lm->scale[j] = lm->before[j];
-    lm->untold |= moved;
-    lm->idle |= moved ? 0 : flag;
+    lm->scale[j] = scale;
+    lm->hidden |= moved;
+    lm->idle |= moved ? 0 : 1 << j;
 }
 
-/* J D^-1. A step of sqrt(epsilon) of a parameter's size balances truncation against rounding; but
-   one near zero must still move the residuals by sqrt(epsilon) of their norm, or rounding in them
-   swamps the difference. */
-static void envsamp__lm_jacobian(envsamp__lm *lm)
-{
-    double fnorm = ENVSAMP_SQRT(lm->cost), root = ENVSAMP_SQRT(DBL_EPSILON), h, change;
-    int j;
-
-    lm->untold = 0;
-    for (j = 0; j < lm->n; j++) {
-        lm->before[j] = lm->scale[j];
-        h = ENVSAMP__FABS(lm->params[j]);
-        if (lm->scale[j] > 0.0 && h < 1.0)
-            h = envsamp__max(h, fnorm < lm->scale[j] ? fnorm / lm->scale[j] : 1.0);
-        h *= lm->fine ? root / 8192.0 : root;
-        h = h > 0.0 ? envsamp__max(h, DBL_MIN) : root;
-        change = envsamp__lm_difference(lm, j, h);
-        if (change < 0.0) {
-            change = envsamp__lm_difference(lm, j, -h);
-            h = change < 0.0 ? h : -h;
-        }
-        if (change > 1.0)
-            lm->idle &= ~(1 << j);
-        else
-            envsamp__lm_search(lm, j, h, change);
-    }
-    lm->untold |= lm->idle == (1 << lm->n) - 1;
-}
-
-static void envsamp__lm_reflect(const double *v, double beta, double *target, int count)
-{
-    double weight = beta * envsamp__lm_dot(v, target, count);
-    int i;
-
-    for (i = 0; i < count; i++)
-        target[i] -= weight * v[i];
-}
-
-/* QR of J D^-1 in place: the columns of R and of I, and Q^T f in the first n values of trial. A
-   Householder reflection clears v below its first element and becomes I - beta v v^T. */
-static void envsamp__lm_triangle(envsamp__lm *lm)
+/* QR in place: the triangle on and above the diagonal, and Q^T rhs. A Householder reflection clears
+   v below its first element and becomes I - beta v v^T. */
+static void envsamp__lm_triangle(double *const *column, int n, int m, double *rhs)
 {
     int i, j, k;
 
-    ENVSAMP_MEMCPY(lm->trial, lm->residuals, (size_t)lm->m * sizeof(double));
-    for (k = 0; k < lm->n; k++) {
-        double *v = lm->column[k] + k;
-        double norm2 = envsamp__lm_dot(v, v, lm->m - k), norm = ENVSAMP_SQRT(norm2), beta = 0.0;
+    for (k = 0; k < n; k++) {
+        double *v = column[k] + k, norm2 = envsamp__lm_dot(v, v, m - k), norm, head;
 
-        for (i = 0; i < 2 * lm->n; i++)
-            lm->r[k][i] = i < k ? lm->column[k][i] : i == lm->n + k ? 1.0 : 0.0;
-        if (norm2 >= DBL_MIN) {  /* below this beta would overflow */
-            beta = 1.0 / (norm * (norm + ENVSAMP__FABS(v[0])));
-            lm->r[k][k] = v[0] > 0.0 ? -norm : norm;
-            v[0] -= lm->r[k][k];
+        if (norm2 < DBL_MIN)    /* its reciprocal would overflow */
+            continue;
+        norm = ENVSAMP_SQRT(norm2);
+        head = v[0] > 0.0 ? -norm : norm;
+        v[0] -= head;
+        for (j = k + 1; j <= n; j++) {
+            double *target = (j < n ? column[j] : rhs) + k;
+            double weight = envsamp__lm_dot(v, target, m - k) / (norm * ENVSAMP__FABS(v[0]));
+
+            for (i = 0; i < m - k; i++)
+                target[i] -= weight * v[i];
         }
-        for (j = k + 1; j < lm->n; j++)
-            envsamp__lm_reflect(v, beta, lm->column[j] + k, lm->m - k);
-        envsamp__lm_reflect(v, beta, lm->trial + k, lm->m - k);
+        v[0] = head;
     }
 }
 
-/* One-sided Jacobi: R V has orthogonal columns, whose norms are the singular values. It keeps
-   small singular values of a matrix with badly scaled columns relatively exact. */
-static void envsamp__lm_decompose(envsamp__lm *lm)
-{
-    double *a, *b, aa, bb, ab, zeta, tangent, cosine, ai;
-    int i, j, k, sweep, moved = 1;
-
-    for (sweep = 0; moved && sweep < 40; sweep++) {
-        moved = 0;
-        for (k = 0; k < lm->n * lm->n; k++) {
-            a = lm->r[k % lm->n];
-            b = lm->r[k / lm->n];
-            aa = envsamp__lm_dot(a, a, lm->n);
-            bb = envsamp__lm_dot(b, b, lm->n);
-            ab = envsamp__lm_dot(a, b, lm->n);
-            if (a >= b || ENVSAMP__FABS(ab) <= DBL_EPSILON * ENVSAMP_SQRT(aa) * ENVSAMP_SQRT(bb))
-                continue;           /* they are orthogonal already */
-            zeta = (bb - aa) / (2.0 * ab);
-            tangent = 1.0 / (ENVSAMP__FABS(zeta) + ENVSAMP_SQRT(1.0 + zeta * zeta));
-            if (zeta < 0.0)
-                tangent = -tangent;
-            cosine = 1.0 / ENVSAMP_SQRT(1.0 + tangent * tangent);
-            for (i = 0; i < 2 * lm->n; i++) {
-                ai = a[i];
-                a[i] = cosine * ai - cosine * tangent * b[i];
-                b[i] = cosine * tangent * ai + cosine * b[i];
-            }
-            moved = 1;
-        }
-    }
-    for (j = 0; j < lm->n; j++) {
-        lm->sigma2[j] = envsamp__lm_dot(lm->r[j], lm->r[j], lm->n);
-        lm->slope[j] = envsamp__lm_dot(lm->r[j], lm->trial, lm->n);
-    }
-}
-
-/* All about f at params that a step needs. Stops at a root and where f is at right angles to J. */
+/* All about f at params that a step needs. Stops at a root and where f is at right angles to J. The
+   first trust radius is generous beside params, but wide enough to change f by its own size. */
 static void envsamp__lm_linearise(envsamp__lm *lm)
 {
-    double fnorm = ENVSAMP_SQRT(lm->cost), largest = 0.0;
+    double fnorm = ENVSAMP_SQRT(lm->cost);
     int j;
 
+    lm->stale = lm->hidden = 0;
+    lm->cosine = 0.0;
     lm->converged = lm->stopped = fnorm <= DBL_MIN / 1048576.0 * lm->unit;
+    for (j = 0; j < lm->n && !lm->stopped; j++)
+        envsamp__lm_column(lm, j);
     if (lm->stopped)
         return;
-    envsamp__lm_jacobian(lm);
-    envsamp__lm_triangle(lm);
+    lm->hidden |= lm->idle == (1 << lm->n) - 1;
+    ENVSAMP_MEMCPY(lm->trial, lm->residuals, (size_t)lm->m * sizeof(double));
+    envsamp__lm_triangle(lm->column, lm->n, lm->m, lm->trial);
+    ENVSAMP_MEMCPY(lm->slope, lm->trial, (size_t)lm->n * sizeof(double));
     for (j = 0; j < lm->n; j++) {
-        double norm = ENVSAMP_SQRT(envsamp__lm_dot(lm->r[j], lm->r[j], lm->n));
-        double along = ENVSAMP__FABS(envsamp__lm_dot(lm->r[j], lm->trial, lm->n));
+        double norm = ENVSAMP_SQRT(envsamp__lm_dot(lm->column[j], lm->column[j], j + 1));
+        double along = ENVSAMP__FABS(envsamp__lm_dot(lm->column[j], lm->slope, j + 1));
 
-        largest = envsamp__max(largest, norm > 0.0 ? along / norm : 0.0);
+        lm->cosine = envsamp__max(lm->cosine, norm > 0.0 ? along / norm / fnorm : 0.0);
     }
-    largest /= fnorm;
-    lm->flat = largest <= 1e-6 + lm->xtol + ENVSAMP_SQRT(lm->ftol)
-                       + 64.0 * DBL_EPSILON * envsamp__lm_scaled_norm(lm) / fnorm;
-    lm->stopped = largest <= lm->gtol;
-    lm->converged = lm->stopped && !lm->untold;
-    envsamp__lm_decompose(lm);
-    lm->stale = 0;
+    lm->stopped = lm->cosine <= lm->gtol;
+    lm->converged = lm->stopped && !lm->hidden;
+    if (lm->iterations == 0)
+        lm->delta = envsamp__max(100.0 * envsamp__lm_scaled_norm(lm), fnorm);
 }
 
-/* The minimiser of |J p + f|^2 + damping |D p|^2, along V. Directions below the rounding of J are
-   left out, which gives the shortest of the undamped minimisers. The correction is Newton's on
-   1 / |D p| - 1 / delta, which is nearly linear in the damping [5, section 5, after Hebden]. */
-static void envsamp__lm_damped(envsamp__lm *lm, double damping)
+/* The step z that minimises |J D^-1 z + f|^2 + damping |z|^2; returns its length. A parameter that
+   rests has no part in it. */
+static double envsamp__lm_solve(envsamp__lm *lm, double damping)
 {
-    double largest = 0.0, bend = 0.0, cutoff, share;
-    int j;
+    double memory[ENVSAMP__LM_MAX_PARAMS][2 * ENVSAMP__LM_MAX_PARAMS] = { { 0.0 } };
+    double rhs[2 * ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, *column[ENVSAMP__LM_MAX_PARAMS] = { NULL };
+    int j, k;
 
-    for (j = 0; j < lm->n; j++)
-        largest = envsamp__max(largest, lm->sigma2[j]);
-    cutoff = largest * (lm->n * DBL_EPSILON) * (lm->n * DBL_EPSILON);
+    for (k = 0; k < lm->n; k++) {
+        column[k] = memory[k];
+        ENVSAMP_MEMCPY(memory[k], lm->column[k], ((size_t)k + 1) * sizeof(double));
+        if (envsamp__lm_dot(memory[k], memory[k], k + 1) > 0.0)
+            memory[k][lm->n + k] = ENVSAMP_SQRT(damping);
+        rhs[k] = -lm->slope[k];
+    }
+    envsamp__lm_triangle(column, lm->n, 2 * lm->n, rhs);
+    for (k = lm->n - 1; k >= 0; k--) {
+        for (j = k + 1; j < lm->n; j++)
+            rhs[k] -= memory[j][k] * lm->step[j];
+        lm->step[k] = memory[k][k] != 0.0 ? rhs[k] / memory[k][k] : 0.0;
+    }
     lm->damping = damping;
-    lm->linear_decrease = 0.0;
-    for (j = 0; j < lm->n; j++) {
-        lm->along[j] = lm->sigma2[j] > cutoff ? -lm->slope[j] / (lm->sigma2[j] + damping) : 0.0;
-        lm->linear_decrease += lm->sigma2[j] * lm->along[j] * lm->along[j];
-    }
-    lm->length = ENVSAMP_SQRT(envsamp__lm_dot(lm->along, lm->along, lm->n));
-    for (j = 0; j < lm->n && lm->length > 0.0; j++) {
-        share = lm->along[j] / lm->length;
-        if (share != 0.0)
-            bend += share * share / (lm->sigma2[j] + damping);
-    }
-    bend *= lm->delta;
-    lm->correction = bend > 0.0 ? (lm->length - lm->delta) / bend : 0.0;  /* 0: bisect */
+    return ENVSAMP_SQRT(envsamp__lm_dot(lm->step, lm->step, lm->n));
 }
 
-/* The damping, zero or such that |D p| is within a tenth of delta. |D p| <= |slope| / damping
-   bounds it from above; Newton steps that leave the bracket are replaced by a bisection. */
-static void envsamp__lm_solve(envsamp__lm *lm)
-{
-    double low = 0.0, high, damping;
-    int pass;
-
-    envsamp__lm_damped(lm, 0.0);
-    if (lm->length <= 1.1 * lm->delta)
-        return;
-    high = ENVSAMP_SQRT(envsamp__lm_dot(lm->slope, lm->slope, lm->n)) / lm->delta;
-    damping = lm->correction;
-    for (pass = 0; pass < 60; pass++) {
-        if (!(damping > low && damping < high))
-            damping = envsamp__max(ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high), 0.001 * high);
-        envsamp__lm_damped(lm, damping);
-        if (ENVSAMP__FABS(lm->length - lm->delta) <= 0.1 * lm->delta)
-            return;
-        low = lm->length > lm->delta ? damping : low;
-        high = lm->length > lm->delta ? high : damping;
-        damping += lm->correction;
-    }
-}
-
-/* The new trust radius from the actual decrease, relative to the cost, and its ratio to the
-   predicted one [5, section 4]. A failed step shrinks it to the minimum of the parabola
-   through the slope and the two costs, but to between a tenth and a half. */
-static void envsamp__lm_resize(envsamp__lm *lm, double actual, double ratio)
-{
-    double descent = (lm->linear_decrease + lm->damping * lm->length * lm->length) / lm->cost;
-    double shrink = 0.5, reach = 10.0 * lm->length;
-
-    if (ratio > 0.25) {
-        if (lm->damping <= 0.0 || ratio >= 0.75)
-            lm->delta = 2.0 * lm->length;
-        return;
-    }
-    if (actual < 0.0)
-        shrink = envsamp__max(0.5 * descent / (descent - 0.5 * actual), 0.1);
-    lm->delta = shrink * (lm->delta < reach ? lm->delta : reach);
-}
-
-/* One trial step: taken if it brings a ten-thousandth of the decrease that J promised. Where steps
-   ever shorter bring none, though J promises more than a tolerance and rounding, J is not what it
-   should be: differences over shorter steps are tried, and if these fail too the search ends. */
+/* One trial step: with the least damping or, where that leaves the trust radius, with what a
+   bisection of the exponent finds (no column of J D^-1 is longer than 1). It is taken if it brings
+   a ten-thousandth of the decrease that J promised. If ever shorter steps bring none, though J
+   promises more than rounding and tolerances, J is taken again over shorter differences, and if
+   that fails too the search ends. */
 static void envsamp__lm_iterate(envsamp__lm *lm)
 {
-    double point[ENVSAMP__LM_MAX_PARAMS], *spent = lm->residuals;
-    double unit = 0.0, cost, grown = 100.0, actual = -99.0, predicted, ratio, z;
-    int i, j;
+    double point[ENVSAMP__LM_MAX_PARAMS], *spent = lm->residuals, fnorm = ENVSAMP_SQRT(lm->cost);
+    double low = ENVSAMP__LM_LEAST_DAMPING, high = lm->n * fnorm / lm->delta;
+    double length = envsamp__lm_solve(lm, low), size = envsamp__lm_scaled_norm(lm);
+    double unit = 0.0, actual = -99.0, predicted, cost;
+    int i, j, pass = length > 1.1 * lm->delta ? 60 : 0;
 
-    envsamp__lm_solve(lm);
-    for (i = 0; i < lm->n; i++) {  /* x + D^-1 V y */
-        for (z = 0.0, j = 0; j < lm->n; j++)
-            z += lm->r[j][lm->n + i] * lm->along[j];
-        point[i] = lm->params[i] + (lm->scale[i] > 0.0 ? z / lm->scale[i] : 0.0);
+    for (; pass && ENVSAMP__FABS(length - lm->delta) > 0.001 * lm->delta; pass--) {
+        length = envsamp__lm_solve(lm, ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high));
+        *(length > lm->delta ? &low : &high) = lm->damping;
     }
-    if (lm->iterations++ == 0 && lm->length < lm->delta)
-        lm->delta = lm->length;
+    predicted = 2.0 * lm->damping * (length / fnorm) * (length / fnorm);
+    for (i = 0; i < lm->n; i++) {
+        double sum = 0.0;
 
+        for (j = i; j < lm->n; j++)
+            sum += lm->column[j][i] * lm->step[j];
+        predicted += sum * sum / lm->cost;
+        point[i] = lm->params[i] + (lm->scale[i] > 0.0 ? lm->step[i] / lm->scale[i] : 0.0);
+    }
+    lm->iterations++;
     cost = envsamp__lm_evaluate(lm, point, lm->trial, &unit);
-    predicted = (lm->linear_decrease + 2.0 * lm->damping * lm->length * lm->length) / lm->cost;
-    if (cost >= 0.0)
-        grown = cost * (lm->unit / unit) * (lm->unit / unit) / lm->cost;
-    if (grown < 100.0)  /* ten times the residuals or more fail like what is not finite */
-        actual = 1.0 - grown;
-    ratio = predicted > 0.0 ? actual / predicted : 0.0;
-    envsamp__lm_resize(lm, actual, ratio);
-    if (ratio >= 1e-4) {
+    if (cost >= 0.0)    /* ten times the residuals or more fail like what is not finite */
+        actual = envsamp__max(1.0 - cost * (lm->unit / unit) * (lm->unit / unit) / lm->cost, -99.0);
+    if (actual <= 0.25 * predicted)
+        lm->delta = 0.6 * envsamp__min_double(lm->delta, length);
+    else if (actual >= 0.75 * predicted || lm->damping <= ENVSAMP__LM_LEAST_DAMPING)
+        lm->delta = 3.0 * length;
+    if (actual > 0.0 && actual >= 1e-4 * predicted) {
         lm->residuals = lm->trial;
         lm->trial = spent;
         for (i = 0; i < lm->n; i++) {
@@ -9917,40 +9795,18 @@ static void envsamp__lm_iterate(envsamp__lm *lm)
         lm->stale = 1;
     }
 
-    if (!(ENVSAMP__FABS(actual) <= lm->ftol && predicted <= lm->ftol && ratio <= 2.0)
+    if (!(ENVSAMP__FABS(actual) <= lm->ftol && predicted <= lm->ftol && actual <= 2.0 * predicted)
         && !(lm->delta <= lm->xtol * envsamp__lm_scaled_norm(lm)))
         return;
-    if (lm->damping <= 0.0 || lm->flat) {
+    if (lm->damping <= ENVSAMP__LM_LEAST_DAMPING
+        || lm->cosine <= 1e-6 + lm->xtol + ENVSAMP_SQRT(lm->ftol)
+                         + 64.0 * DBL_EPSILON * size / fnorm) {
         lm->stopped = 1;
-        lm->converged = !lm->untold;
-    } else if (ratio < 1e-4) {
+        lm->converged = !lm->hidden;
+    } else if (!lm->stale) {
         lm->stopped = lm->fine;
         lm->stale = lm->fine = 1;
         lm->delta = ENVSAMP_SQRT(lm->cost);
-    }
-}
-
-/* The first trust radius is generous beside params, but wide enough to change f by its own size
-   where they start near zero. An idle parameter is tried again before a search ends. */
-static void envsamp__lm_run(envsamp__lm *lm, int max_iterations)
-{
-    int idle, tried = -1;
-
-    while (!lm->stopped && lm->iterations < max_iterations) {
-        if (lm->stale)
-            envsamp__lm_linearise(lm);
-        if (lm->iterations == 0)
-            lm->delta = envsamp__max(100.0 * envsamp__lm_scaled_norm(lm), ENVSAMP_SQRT(lm->cost));
-        if (!lm->stopped)
-            envsamp__lm_iterate(lm);
-        if (lm->converged && lm->idle && lm->cost > 0.0 && tried < lm->iterations) {
-            tried = lm->iterations;
-            idle = lm->idle;
-            lm->idle = 0;
-            envsamp__lm_jacobian(lm);
-            lm->stale = lm->idle != idle || lm->untold;
-            lm->stopped = lm->converged = !lm->stale;
-        }
     }
 }
 
@@ -9980,19 +9836,18 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
                                       double *params, envsamp_buffer scratch,
                                       envsamp_lm_info *info)
 {
+    envsamp_sizes sizes = { 0, envsamp_lm_scratch_bytes(desc) };
+    int i, tried = 0, limit;
+    envsamp_result result;
     envsamp__lm lm;
-    size_t bytes;
-    int i;
 
     if (!desc || !fn || !params || !scratch.data)
         return ENVSAMP_ERR_NULL;
-    bytes = envsamp_lm_scratch_bytes(desc);
-    if (bytes == 0)
+    if (sizes.scratch_bytes == 0)
         return ENVSAMP_ERR_PARAM;
-    if (scratch.bytes < bytes)
-        return ENVSAMP_ERR_MEMORY;
-    if ((uintptr_t)scratch.data % ENVSAMP_ALIGN != 0)
-        return ENVSAMP_ERR_ALIGN;
+    result = envsamp__buffers_check(&sizes, scratch, scratch);
+    if (result != ENVSAMP_OK)
+        return result;
 
     ENVSAMP_MEMSET(&lm, 0, sizeof lm);
     lm.fn = fn;
@@ -10011,7 +9866,17 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
     lm.cost = envsamp__lm_evaluate(&lm, params, lm.residuals, &lm.unit);
     if (lm.cost < 0.0)
         return ENVSAMP_ERR_VALUE;
-    envsamp__lm_run(&lm, desc->max_iterations ? desc->max_iterations : 200);
+    limit = desc->max_iterations ? desc->max_iterations : 200;
+    while (!lm.stopped && lm.iterations < limit) {
+        if (lm.stale)
+            envsamp__lm_linearise(&lm);
+        if (!lm.stopped)
+            envsamp__lm_iterate(&lm);
+        if (lm.converged && lm.idle && lm.cost > 0.0 && !tried) {
+            tried = lm.stale = 1;       /* idle parameters are tried again before it ends */
+            lm.idle = lm.stopped = 0;
+        }
+    }
     if (info) {
         info->iterations = lm.iterations;
         info->evaluations = lm.evaluations;
