@@ -1287,6 +1287,81 @@ static envsamp_result envsamp__buffers_check(const envsamp_sizes *sizes, envsamp
     return ENVSAMP_OK;
 }
 
+/* ---- tables ---- */
+
+/* How every table begins. The checksum is of all that follows it. */
+typedef struct envsamp__table {
+    uint32_t magic, version, checksum, mapping;
+    uint64_t bytes;
+} envsamp__table;
+
+/* Four FNV-1a sums, each of every fourth word, with a shift so that high bits reach low ones: their
+   multiplications overlap. */
+typedef struct envsamp__sums { uint32_t lane[4]; uint64_t at; } envsamp__sums;
+
+/* Adds at most so many bytes of a table, a multiple of 16, to sums that begin as zeros. Returns 0
+   when all of it is in, and its checksum. */
+static int envsamp__sums_add(const void *table, uint64_t most, envsamp__sums *s, uint32_t *checksum)
+{
+    envsamp__table head;
+    uint32_t word[4];
+    uint64_t end;
+    int k;
+
+    ENVSAMP_MEMCPY(&head, table, sizeof head);
+    if (s->at == 0) {
+        for (k = 0; k < 4; k++)
+            s->lane[k] = 2166136261u + (uint32_t)k;
+        s->lane[3] ^= head.mapping;
+        s->at = offsetof(envsamp__table, bytes);
+    }
+    for (end = s->at + most; s->at < end && s->at < head.bytes; s->at += sizeof word) {
+        if (head.bytes - s->at >= sizeof word) {
+            ENVSAMP_MEMCPY(word, (const char *)table + s->at, sizeof word);
+        } else {
+            ENVSAMP_MEMSET(word, 0, sizeof word);
+            ENVSAMP_MEMCPY(word, (const char *)table + s->at, (size_t)(head.bytes - s->at));
+        }
+        for (k = 0; k < 4; k++) {
+            s->lane[k] = (s->lane[k] ^ word[k]) * 16777619u;
+            s->lane[k] ^= s->lane[k] >> 15;
+        }
+    }
+    *checksum = 2166136261u;
+    for (k = 0; k < 4; k++) {
+        *checksum = (*checksum ^ s->lane[k]) * 16777619u;
+        *checksum ^= *checksum >> 15;
+    }
+    return s->at < head.bytes;
+}
+
+static uint32_t envsamp__checksum(const void *table)
+{
+    envsamp__sums sums = { { 0, 0, 0, 0 }, 0 };
+    uint32_t checksum;
+
+    envsamp__sums_add(table, UINT64_MAX / 2, &sums, &checksum);
+    return checksum;
+}
+
+/* Whether `bytes` from `table` may be a table with such a header: what all kinds have in common. */
+static envsamp_result envsamp__table_check(const void *table, size_t bytes, size_t header_bytes,
+                                           uint32_t magic, uint32_t version)
+{
+    envsamp__table head;
+
+    if (!table)
+        return ENVSAMP_ERR_NULL;
+    if ((uintptr_t)table % ENVSAMP_ALIGN)
+        return ENVSAMP_ERR_ALIGN;
+    if (bytes < header_bytes)
+        return ENVSAMP_ERR_FORMAT;
+    ENVSAMP_MEMCPY(&head, table, sizeof head);
+    return head.magic == magic && head.version == version && head.mapping <= ENVSAMP_OCTAHEDRAL
+        && head.bytes >= header_bytes && head.bytes <= bytes
+        && head.checksum == envsamp__checksum(table) ? ENVSAMP_OK : ENVSAMP_ERR_FORMAT;
+}
+
 /* ---- images ---- */
 
 static size_t envsamp__row_stride(const envsamp_image *image)
@@ -3989,15 +4064,16 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  * ========================================================================================== */
 
 #define ENVSAMP__KD_MAGIC 0x444b5345u   /* "ESKD" in memory */
-#define ENVSAMP__KD_VERSION 4u
+#define ENVSAMP__KD_VERSION 5u
 #define ENVSAMP__INNER 0x80000000u      /* of a link: not a density */
 
 typedef struct envsamp__warp { float cut, edge; uint32_t child[2]; } envsamp__warp;
 typedef struct envsamp__node { float cut; uint32_t child[2]; } envsamp__node;
 
 struct envsamp_kd {
-    uint32_t magic, version, bytes, checksum;   /* checksum: of all that follows it */
-    uint32_t select, model, criterion, mapping; /* byte 16: as numbered in their enums */
+    uint32_t magic, version, checksum, mapping; /* as every table: see envsamp__table */
+    uint64_t bytes;                             /* 16 */
+    uint32_t select, model;                     /* 24: as numbered in their enums */
     uint32_t width, height, block_count;        /* 32 */
     uint32_t drawn_count;                       /* 44: blocks that can be drawn: FIT, the first */
     uint32_t alias_shift;                       /* 48: 24 - log2 of the bins */
@@ -4013,14 +4089,16 @@ struct envsamp_kd {
     double fit_total;                           /* 176: FIT: G(n) */
     uint64_t bad_pixel_count;                   /* 184 */
     float mis_compensation;                     /* 192 */
-    uint32_t spare;
+    uint32_t criterion;
 };
 
 typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 200 ? 1 : -1];
 
 /* An array of the table. */
-#define ENVSAMP__ARRAY(type, kd, name) \
-    ((const type *)(const void *)((const char *)(kd) + (kd)->name##_at))
+#define ENVSAMP__ARRAY(type, table, name) \
+    ((const type *)(const void *)((const char *)(table) + (table)->name##_at))
+#define ENVSAMP__ARRAY_OUT(type, table, name) \
+    ((type *)(void *)((char *)(table) + (table)->name##_at))
 
 /* Bits of a power of two that is at least count. */
 static uint32_t envsamp__bits(uint32_t count)
@@ -4067,19 +4145,6 @@ static void envsamp__kd_layout(envsamp_kd *kd)
     kd->nodes_at = envsamp__allot(&end, kd->block_count, 12);
     kd->grid_at = envsamp__allot(&end, 1u << (kd->grid_bits_x + kd->grid_bits_y), 4);
     kd->bytes = end;
-}
-
-static uint32_t envsamp__checksum(const envsamp_kd *kd)
-{
-    const unsigned char *byte = (const unsigned char *)kd;
-    uint32_t sum = 2166136261u, at, bits;
-
-    for (at = (uint32_t)offsetof(envsamp_kd, checksum) + 4; at < kd->bytes; at += 4) {
-        ENVSAMP_MEMCPY(&bits, byte + at, 4);
-        sum = (sum ^ bits) * 16777619u;
-        sum ^= sum >> 15;
-    }
-    return sum;
 }
 
 /* ---- building ---- */
@@ -4349,35 +4414,113 @@ static void envsamp__warp_tile(envsamp__warp_writer *w, uint32_t i)
 
 /* A build is a job that does one item of work after the other, so that it can be spread over
    frames: the same items in the same order, however many at a time. What an item of work is: */
-typedef enum envsamp__kd_phase {
-    ENVSAMP__DO_SURVEY,         /* a row of texels, ahead of the build */
-    ENVSAMP__DO_ROWS,           /* a row of texels */
-    ENVSAMP__DO_LEVELS,         /* a row of cells of a coarser level */
-    ENVSAMP__DO_CROWN,          /* a block of the crown halved */
-    ENVSAMP__DO_TILES,          /* the first split of a tile searched */
-    ENVSAMP__DO_SPLITS,         /* a split searched, or made */
-    ENVSAMP__DO_MOMENTS,        /* a block, where sums were not exact */
-    ENVSAMP__DO_PROBABILITIES,  /* all blocks; FIT: the fit */
-    ENVSAMP__DO_WRITE,          /* WARP: a tile; else all blocks */
-    ENVSAMP__DO_GRID,           /* some rows of cells */
-    ENVSAMP__DO_SEAL,           /* the checksum */
-    ENVSAMP__DO_NOTHING
-} envsamp__kd_phase;
+typedef enum envsamp__phase {
+    ENVSAMP__SURVEY,            /* a row of texels, ahead of the build */
+    ENVSAMP__ROWS,              /* a row of texels */
+    ENVSAMP__PYRAMID,           /* kd: a row of cells of a coarser level */
+    ENVSAMP__CROWN,             /* kd: a block of the crown halved */
+    ENVSAMP__TILES,             /* kd: the first split of a tile searched */
+    ENVSAMP__SPLITS,            /* kd: a split searched, or made */
+    ENVSAMP__MOMENTS,           /* kd: a block, where sums were not exact */
+    ENVSAMP__PROBABILITIES,     /* kd: all blocks; FIT: the fit */
+    ENVSAMP__WRITE,             /* kd, WARP: a tile; else all blocks */
+    ENVSAMP__GRID,              /* kd: some rows of cells */
+    ENVSAMP__CHECKSUM,          /* some bytes of the table */
+    ENVSAMP__DONE
+} envsamp__phase;
 
-struct envsamp_kd_job {
+#define ENVSAMP__SUMMED 131072  /* bytes of the checksum in one step */
+
+/* What the jobs of kd and cdf begin with. */
+typedef struct envsamp__job envsamp__job;
+struct envsamp__job {
     envsamp__source source;
     envsamp__map map;
+    void *table;
+    envsamp_result result;
+    envsamp__phase phase;
+    int next;                       /* the item of the phase */
+    uint32_t magic;                 /* of a finished table */
+    envsamp__sums sums;
+    int (*work)(envsamp__job *job, int item);   /* of the other phases; 0 at the end of one */
+};
+
+/* A job of so many bytes at the beginning of a buffer, and what it reads the map with. */
+static void envsamp__job_carve(envsamp__job *job, size_t bytes, const envsamp_image *image,
+                               int bilinear, float compensation, uint64_t lines,
+                               envsamp__arena *arena)
+{
+    ENVSAMP_MEMSET(job, 0, bytes);
+    envsamp__take(arena, 1, bytes);
+    envsamp__source_carve(&job->source, image, bilinear, compensation, arena);
+    envsamp__map_carve(&job->map, image, bilinear, lines, arena);
+}
+
+static envsamp_result envsamp__job_check(const envsamp_image *image, envsamp_row_fn fn,
+                                         const envsamp_sizes *sizes, envsamp_buffer table,
+                                         envsamp_buffer scratch)
+{
+    envsamp_result result = fn ? ENVSAMP_OK : envsamp__floats_check(image->pixels);
+
+    return result == ENVSAMP_OK ? envsamp__buffers_check(sizes, table, scratch) : result;
+}
+
+static void envsamp__job_start(envsamp__job *job, void *table, uint32_t magic,
+                               int (*work)(envsamp__job *, int), envsamp_row_fn fn, void *user,
+                               int strict)
+{
+    job->table = table;
+    job->magic = magic;
+    job->work = work;
+    job->phase = envsamp__source_begin(&job->source, &job->map, fn, user, strict)
+               ? ENVSAMP__SURVEY : ENVSAMP__ROWS;
+}
+
+/* Returns 0 at the end of a phase. */
+static int envsamp__job_item(envsamp__job *job, int item)
+{
+    envsamp__table head;
+    int more;
+
+    switch (job->phase) {
+    case ENVSAMP__SURVEY:
+        job->result = envsamp__survey_row(&job->source, &job->map, item, job->map.knots);
+        if (item + 1 < job->map.image_height)
+            return 1;
+        envsamp__survey_end(&job->source, &job->map);
+        return 0;
+    case ENVSAMP__CHECKSUM:
+        ENVSAMP_MEMCPY(&head, job->table, sizeof head);
+        more = envsamp__sums_add(job->table, ENVSAMP__SUMMED, &job->sums, &head.checksum);
+        head.magic = more ? 0 : job->magic;
+        ENVSAMP_MEMCPY(job->table, &head, sizeof head);
+        return more;
+    default:
+        return job->work(job, item);
+    }
+}
+
+static envsamp_result envsamp__job_step(envsamp__job *job, int count, int *done)
+{
+    for (; count > 0 && job->result == ENVSAMP_OK && job->phase != ENVSAMP__DONE; count--)
+        if (!envsamp__job_item(job, job->next++)) {
+            job->phase = (envsamp__phase)(job->phase + 1);
+            job->next = 0;
+        }
+    if (done)
+        *done = job->result != ENVSAMP_OK || job->phase == ENVSAMP__DONE;
+    return job->result;
+}
+
+struct envsamp_kd_job {
+    envsamp__job base;
     envsamp__tree tree;
     envsamp_kd_desc desc;
-    envsamp_kd *kd;
-    envsamp_result result;
-    envsamp__kd_phase phase;
-    int next, level;                /* the item of the phase; LEVELS: of this level */
-    int block_limit;
+    int level, block_limit;         /* PYRAMID: the level that is made */
     envsamp__warp_writer writer;
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
-    uint32_t *order, *place;        /* order[place[block]] = block */
+    uint32_t *order, *rank;         /* order[rank[block]] = block */
     uint32_t *draws, *stack;        /* ALIAS */
     envsamp_buffer lm_scratch;
 };
@@ -4392,13 +4535,10 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     uint64_t count = cells < (uint64_t)desc->block_count ? cells : (uint64_t)desc->block_count;
     envsamp__tree *tree = &job->tree;
 
-    ENVSAMP_MEMSET(job, 0, sizeof *job);
-    envsamp__take(arena, 1, sizeof *job);
+    envsamp__job_carve(&job->base, sizeof *job, image, bilinear, desc->mis_compensation, 0, arena);
     job->desc = *desc;
     job->block_limit = (int)count;
-    envsamp__source_carve(&job->source, image, bilinear, desc->mis_compensation, arena);
-    envsamp__map_carve(&job->map, image, bilinear, 0, arena);
-    tree->map = &job->map;
+    tree->map = &job->base.map;
     tree->criterion = desc->criterion;
     tree->depth_limit = desc->select == ENVSAMP_KD_WARP ? ENVSAMP__WARP_DEPTH : INT_MAX;
     tree->fine_bits = bilinear ? ENVSAMP__FINE_BITS : 0;
@@ -4408,21 +4548,20 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     tree->columns = ENVSAMP__TAKE(envsamp__profile, arena, 1);
     tree->rows = ENVSAMP__TAKE(envsamp__profile, arena, 1);
     job->writer.stack = ENVSAMP__TAKE(envsamp__part, arena, ENVSAMP__WARP_DEPTH + 2);
-    job->probability = (double *)envsamp__take(arena, count, sizeof(double));
-    job->order = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
-    job->place = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
+    job->probability = ENVSAMP__TAKE(double, arena, count);
+    job->order = ENVSAMP__TAKE(uint32_t, arena, count);
+    job->rank = ENVSAMP__TAKE(uint32_t, arena, count);
     if (desc->select == ENVSAMP_KD_ALIAS) {
-        job->draws = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
-        job->stack = (uint32_t *)envsamp__take(arena, 1u << envsamp__bits((uint32_t)count),
-                                               sizeof(uint32_t));
+        job->draws = ENVSAMP__TAKE(uint32_t, arena, count);
+        job->stack = ENVSAMP__TAKE(uint32_t, arena, 1u << envsamp__bits((uint32_t)count));
     } else if (desc->select == ENVSAMP_KD_FIT) {
         envsamp_lm_desc lm = { 2, 0, 0, 0.0, 0.0, 0.0 };
 
         lm.residual_count = envsamp__max_int((int)count, 2);
-        job->target = (double *)envsamp__take(arena, count, sizeof(double));
-        job->weight = (double *)envsamp__take(arena, count + 1, sizeof(double));
+        job->target = ENVSAMP__TAKE(double, arena, count);
+        job->weight = ENVSAMP__TAKE(double, arena, count + 1);
         job->lm_scratch.bytes = envsamp_lm_scratch_bytes(&lm);
-        job->lm_scratch.data = envsamp__take(arena, job->lm_scratch.bytes, 1);
+        job->lm_scratch.data = ENVSAMP__TAKE(char, arena, job->lm_scratch.bytes);
     }
 }
 
@@ -4437,27 +4576,24 @@ static int envsamp__kd_desc_valid(const envsamp_kd_desc *desc)
         && envsamp__is_zero(desc->excess_target) && envsamp__is_zero(desc->importance_exponent);
 }
 
-static void envsamp__choose_alias(envsamp_kd_job *job)
+static void envsamp__choose_alias(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__tree *tree = &job->tree;
     int i;
 
     for (i = 0; i < tree->block_count; i++) {
-        const envsamp__block *b = &tree->blocks[i];
-
-        job->order[i] = job->place[i] = (uint32_t)i;
-        job->probability[i] = envsamp__block_q(b);
+        job->order[i] = job->rank[i] = (uint32_t)i;
+        job->probability[i] = envsamp__block_q(&tree->blocks[i]);
     }
     envsamp__round_draws(job->probability, tree->block_count, job->draws);
     for (i = 0; i < tree->block_count; i++)
         job->probability[i] = (double)job->draws[i] / (double)ENVSAMP__UNIT;
-    job->kd->drawn_count = (uint32_t)tree->block_count;
+    kd->drawn_count = (uint32_t)tree->block_count;
 }
 
-static void envsamp__choose_fit(envsamp_kd_job *job)
+static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__tree *tree = &job->tree;
-    envsamp_kd *kd = job->kd;
     envsamp__fit fit = { job->desc.model, job->desc.objective, 0, job->target, job->weight,
                          job->lm_scratch };
     envsamp__fit_point best;
@@ -4474,7 +4610,7 @@ static void envsamp__choose_fit(envsamp_kd_job *job)
     }
     envsamp__sort_descending(key, job->order, tree->block_count);
     for (i = 0; i < tree->block_count; i++) {
-        job->place[job->order[i]] = (uint32_t)i;
+        job->rank[job->order[i]] = (uint32_t)i;
         job->target[i] = key[job->order[i]] / total;
     }
     best = envsamp__fit_solve(&fit);
@@ -4489,7 +4625,7 @@ static void envsamp__choose_fit(envsamp_kd_job *job)
         double high = i < fit.count ? envsamp__model_g(gamma, (double)(i + 1) / kd->alpha) : low;
 
         key[job->order[i]] = (high - low) / kd->fit_total;
-        error = tree->blocks[job->order[i]].whole.sum / job->map.integral - key[job->order[i]];
+        error = tree->blocks[job->order[i]].whole.sum / tree->map->integral - key[job->order[i]];
         kd->l1 += error < 0.0 ? -error : error;
         low = high;
     }
@@ -4504,65 +4640,61 @@ static double envsamp__excess(double second, double integral)
 /* Bounds and densities in the order of the table, and what the blocks cost together. */
 static void envsamp__write_blocks(const envsamp_kd_job *job, envsamp_kd *kd)
 {
-    envsamp__edges *edges = (envsamp__edges *)(void *)((char *)kd + kd->edges_at);
-    float *pdf = (float *)(void *)((char *)kd + kd->pdf_at);
-    double second = 0.0, integral = job->map.integral;
+    const envsamp__map *map = &job->base.map;
+    envsamp__edges *edges = ENVSAMP__ARRAY_OUT(envsamp__edges, kd, edges);
+    float *pdf = ENVSAMP__ARRAY_OUT(float, kd, pdf);
+    double second = 0.0;
     uint32_t i;
 
     for (i = 0; i < kd->block_count; i++) {
         const envsamp__block *b = &job->tree.blocks[job->order[i]];
         double probability = job->probability[job->order[i]], sr;
 
-        edges[i].x0 = envsamp__edge_x(&job->map, b->rect.x0);
-        edges[i].x1 = envsamp__edge_x(&job->map, b->rect.x1);
-        edges[i].y0 = envsamp__edge_y(&job->map, b->rect.y0);
-        edges[i].y1 = envsamp__edge_y(&job->map, b->rect.y1);
+        edges[i].x0 = envsamp__edge_x(map, b->rect.x0);
+        edges[i].x1 = envsamp__edge_x(map, b->rect.x1);
+        edges[i].y0 = envsamp__edge_y(map, b->rect.y0);
+        edges[i].y1 = envsamp__edge_y(map, b->rect.y1);
         sr = envsamp__edges_sr(kd->mapping, &edges[i]);
-        pdf[i] = probability > 0.0 ? (float)(probability / sr) : 0.0f;   /* -0 would be a link */
-        if (probability > 0.0 && pdf[i] < FLT_MIN) {
-            pdf[i] = FLT_MIN;           /* a steep fit: lit, so not zero */
-            probability = (double)FLT_MIN * sr;
-        }
+        pdf[i] = 0.0f;                              /* not -0, which would be a link */
         if (probability > 0.0) {
-            double ratio = (double)b->whole.peak * sr / (probability * integral);
-
+            pdf[i] = (float)(probability / sr);
+            if (pdf[i] < FLT_MIN) {                 /* a steep fit: lit, so not zero */
+                pdf[i] = FLT_MIN;
+                probability = (double)FLT_MIN * sr;
+            }
             second += sr * b->whole.square / probability;
-            kd->max_ratio = envsamp__max(kd->max_ratio, ratio);
+            kd->max_ratio = envsamp__max(kd->max_ratio, (double)b->whole.peak * sr
+                                                      / (probability * map->integral));
         }
     }
-    kd->excess_variance = envsamp__excess(second, integral);
+    kd->excess_variance = envsamp__excess(second, map->integral);
 }
 
 /* ALIAS and FIT: blocks, chosen by number. */
-static void envsamp__write_listed(envsamp_kd_job *job)
+static void envsamp__write_indexed(envsamp_kd_job *job, envsamp_kd *kd)
 {
-    envsamp_kd *kd = job->kd;
-    char *base = (char *)kd;
-
     envsamp__kd_layout(kd);
     envsamp__write_blocks(job, kd);
     if (kd->select == ENVSAMP_KD_ALIAS)
         envsamp__alias_build(job->draws, job->tree.block_count, (int)kd->alias_shift,
-                             (uint32_t *)(void *)(base + kd->alias_at), job->stack);
-    envsamp__write_nodes(kd, &job->tree, job->place,
-                         (envsamp__node *)(void *)(base + kd->nodes_at));
+                             ENVSAMP__ARRAY_OUT(uint32_t, kd, alias), job->stack);
+    envsamp__write_nodes(kd, &job->tree, job->rank, ENVSAMP__ARRAY_OUT(envsamp__node, kd, nodes));
     job->writer.root = kd->block_count > 1 ? ENVSAMP__INNER
                      : envsamp__float_bits(*ENVSAMP__ARRAY(float, kd, pdf));
 }
 
 /* WARP: one more tile. Where the unit square had no room for some cuts, all tiles once more, with
    the blocks that there are. Returns 0 when all are written. */
-static int envsamp__write_warped(envsamp_kd_job *job, int tile)
+static int envsamp__write_warped(envsamp_kd_job *job, envsamp_kd *kd, int tile)
 {
-    envsamp_kd *kd = job->kd;
     envsamp__warp_writer *w = &job->writer;
     int tiles = 1 << job->tree.tile_bits;
 
     if (tile == 0) {
         kd->block_count = kd->drawn_count = w->leaf_count;
         envsamp__kd_layout(kd);
-        w->warp = (envsamp__warp *)(void *)((char *)kd + kd->warp_at);
-        w->nodes = (envsamp__node *)(void *)((char *)kd + kd->nodes_at) + (tiles - 1);
+        w->warp = ENVSAMP__ARRAY_OUT(envsamp__warp, kd, warp);
+        w->nodes = ENVSAMP__ARRAY_OUT(envsamp__node, kd, nodes) + (tiles - 1);
         w->warp_count = w->leaf_count = 0;
         w->second = w->max_ratio = 0.0;
         w->root = ENVSAMP__INNER;
@@ -4570,28 +4702,28 @@ static int envsamp__write_warped(envsamp_kd_job *job, int tile)
     envsamp__warp_tile(w, (uint32_t)tile);
     if (tile + 1 < tiles)
         return 1;
-    kd->excess_variance = envsamp__excess(w->second, job->map.integral);
+    kd->excess_variance = envsamp__excess(w->second, job->base.map.integral);
     kd->max_ratio = w->max_ratio;
-    job->next = 0;
+    job->base.next = 0;
     return w->leaf_count != kd->block_count;
 }
 
 /* How often blocks are drawn. */
-static void envsamp__choose(envsamp_kd_job *job)
+static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
 {
+    const envsamp__source *source = &job->base.source;
     const envsamp__tree *tree = &job->tree;
     double *q = job->probability;
-    envsamp_kd *kd = job->kd;
     int i;
 
-    kd->integral = job->source.compensation > 0.0f ? job->source.integral : job->map.integral;
-    kd->mis_compensation = job->source.compensation;
-    kd->bad_pixel_count = job->source.bad_pixel_count;
-    kd->block_count = (uint32_t)job->tree.block_count;
+    kd->integral = source->compensation > 0.0f ? source->integral : tree->map->integral;
+    kd->mis_compensation = source->compensation;
+    kd->bad_pixel_count = source->bad_pixel_count;
+    kd->block_count = (uint32_t)tree->block_count;
     if (kd->select == ENVSAMP_KD_ALIAS) {
-        envsamp__choose_alias(job);
+        envsamp__choose_alias(job, kd);
     } else if (kd->select == ENVSAMP_KD_FIT) {
-        envsamp__choose_fit(job);
+        envsamp__choose_fit(job, kd);
     } else {
         job->writer.tree = tree;
         job->writer.q = q;
@@ -4656,162 +4788,132 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
 
+/* Makes row `item` of the level of the pyramid that is being made. */
+static int envsamp__pyramid_row(envsamp_kd_job *job, int item)
+{
+    envsamp__map *map = &job->base.map;
+    envsamp__level *level = &map->levels[job->level];
+    int x;
+
+    if (job->level >= map->level_count)
+        return 0;
+    for (x = 0; x < level->width; x++)
+        level->cells[(size_t)item * (size_t)level->width + (size_t)x] =
+            envsamp__merge_cells(map, level - 1, x, item);
+    if (item + 1 == level->height) {
+        job->level++;
+        job->base.next = 0;
+    }
+    return 1;
+}
+
+/* Items that make the pyramid and cut the map into blocks. Returns 0 at the end of a phase. */
+static int envsamp__kd_split(envsamp_kd_job *job, int item)
+{
+    envsamp__map *map = &job->base.map;
+    envsamp__tree *tree = &job->tree;
+    int warp = job->desc.select == ENVSAMP_KD_WARP;
+
+    switch (job->base.phase) {
+    case ENVSAMP__ROWS:
+        job->base.result = envsamp__map_row(map, &job->base.source, item);
+        if (item + 1 < map->image_height)
+            return 1;
+        if (job->base.result == ENVSAMP_OK && !(map->integral > 0.0))
+            job->base.result = ENVSAMP_ERR_BLACK;
+        job->level = 2;
+        return 0;
+    case ENVSAMP__PYRAMID:
+        return envsamp__pyramid_row(job, item);
+    case ENVSAMP__CROWN:
+        if (item == 0)
+            envsamp__crown_begin(tree, warp ? envsamp__most_tile_bits(job->block_limit) : 0);
+        return envsamp__crown_grow(tree);
+    case ENVSAMP__TILES:
+        envsamp__find_split(tree, &tree->blocks[item]);
+        envsamp__heap_push(tree, envsamp__priority(tree, &tree->blocks[item]), (uint32_t)item);
+        return item + 1 < tree->block_count;
+    case ENVSAMP__SPLITS:
+        return envsamp__grow(tree, job->block_limit);
+    default:
+        if (!warp && !tree->fine_bits)
+            return 0;
+        if (warp || envsamp__block_level(map, &tree->blocks[item].rect) == 0)
+            envsamp__exact_moments(tree, item);     /* else no cell was cut */
+        return item + 1 < tree->block_count;
+    }
+}
+
+static int envsamp__kd_work(envsamp__job *base, int item)
+{
+    envsamp_kd_job *job = (envsamp_kd_job *)(void *)base;
+    envsamp_kd *kd = (envsamp_kd *)base->table;
+    uint32_t rows, high;
+
+    switch (base->phase) {
+    case ENVSAMP__PROBABILITIES:
+        envsamp__choose(job, kd);
+        return 0;
+    case ENVSAMP__WRITE:
+        if (kd->select == ENVSAMP_KD_WARP)
+            return envsamp__write_warped(job, kd, item);
+        envsamp__write_indexed(job, kd);
+        return 0;
+    case ENVSAMP__GRID:
+        rows = 1u << kd->grid_bits_y;
+        high = rows < 8 ? rows : 8;
+        envsamp__write_grid(kd, job->writer.root, (uint32_t)item * high,
+                            (uint32_t)(item + 1) * high, ENVSAMP__ARRAY_OUT(uint32_t, kd, grid));
+        if ((uint32_t)(item + 1) * high < rows)
+            return 1;
+        ENVSAMP_MEMSET((char *)kd + kd->grid_at - sizeof(envsamp__node), 0, sizeof(envsamp__node));
+        return 0;
+    default:
+        return envsamp__kd_split(job, item);
+    }
+}
+
 ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_row_fn fn,
                                             void *user, const envsamp_kd_desc *desc,
                                             envsamp_buffer table, envsamp_buffer scratch,
                                             envsamp_kd_job **job)
 {
     envsamp_kd_desc filled = envsamp__kd_filled(desc);
-    envsamp__arena arena = { NULL, 0 };
+    envsamp__arena arena = { (char *)scratch.data, 0 };
     envsamp_sizes sizes;
     envsamp_result result;
-    envsamp_kd_job *work = (envsamp_kd_job *)scratch.data;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
     *job = NULL;
     result = envsamp_kd_sizes(image, &filled, &sizes);
-    if (result == ENVSAMP_OK && !fn)
-        result = envsamp__floats_check(image->pixels);
     if (result == ENVSAMP_OK)
-        result = envsamp__buffers_check(&sizes, table, scratch);
+        result = envsamp__job_check(image, fn, &sizes, table, scratch);
     if (result != ENVSAMP_OK)
         return result;
-    arena.base = (char *)scratch.data;
-    envsamp__kd_carve(work, image, &filled, &arena);
-    work->kd = (envsamp_kd *)table.data;
-    envsamp__kd_head(work->kd, image, &filled);
-    work->phase = envsamp__source_begin(&work->source, &work->map, fn, user, filled.strict)
-                ? ENVSAMP__DO_SURVEY : ENVSAMP__DO_ROWS;
-    *job = work;
+    *job = (envsamp_kd_job *)scratch.data;
+    envsamp__kd_carve(*job, image, &filled, &arena);
+    envsamp__kd_head((envsamp_kd *)table.data, image, &filled);
+    envsamp__job_start(&(*job)->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user,
+                       filled.strict);
     return ENVSAMP_OK;
-}
-
-/* Items that read the image and make the pyramid. Returns 0 at the end of a phase. */
-static int envsamp__kd_read(envsamp_kd_job *job, int item)
-{
-    envsamp__map *map = &job->map;
-    envsamp__level *level;
-    int x;
-
-    switch (job->phase) {
-    case ENVSAMP__DO_SURVEY:
-        job->result = envsamp__survey_row(&job->source, map, item, map->knots);
-        if (item + 1 < map->image_height)
-            return 1;
-        envsamp__survey_end(&job->source, map);
-        return 0;
-    case ENVSAMP__DO_ROWS:
-        job->result = envsamp__map_row(map, &job->source, item);
-        if (item + 1 < map->image_height)
-            return 1;
-        if (job->result == ENVSAMP_OK && !(map->integral > 0.0))
-            job->result = ENVSAMP_ERR_BLACK;
-        job->level = 2;
-        return 0;
-    default:
-        if (job->level >= map->level_count)
-            return 0;
-        level = &map->levels[job->level];
-        for (x = 0; x < level->width; x++)
-            level->cells[(size_t)item * (size_t)level->width + (size_t)x] =
-                envsamp__merge_cells(map, level - 1, x, item);
-        if (item + 1 == level->height) {
-            job->level++;
-            job->next = 0;
-        }
-        return 1;
-    }
-}
-
-/* Items that cut the map into blocks. Returns 0 at the end of a phase. */
-static int envsamp__kd_split(envsamp_kd_job *job, int item)
-{
-    envsamp__tree *tree = &job->tree;
-    int warp = job->desc.select == ENVSAMP_KD_WARP;
-
-    switch (job->phase) {
-    case ENVSAMP__DO_CROWN:
-        if (item == 0)
-            envsamp__crown_begin(tree, warp ? envsamp__most_tile_bits(job->block_limit) : 0);
-        return envsamp__crown_grow(tree);
-    case ENVSAMP__DO_TILES:
-        envsamp__find_split(tree, &tree->blocks[item]);
-        envsamp__heap_push(tree, envsamp__priority(tree, &tree->blocks[item]), (uint32_t)item);
-        return item + 1 < tree->block_count;
-    case ENVSAMP__DO_SPLITS:
-        return envsamp__grow(tree, job->block_limit);
-    default:
-        if (!warp && !tree->fine_bits)
-            return 0;
-        if (warp || envsamp__block_level(&job->map, &tree->blocks[item].rect) == 0)
-            envsamp__exact_moments(tree, item);     /* else no cell was cut */
-        return item + 1 < tree->block_count;
-    }
-}
-
-/* Items that write the table. Returns 0 at the end of a phase. */
-static int envsamp__kd_write(envsamp_kd_job *job, int item)
-{
-    envsamp_kd *kd = job->kd;
-    uint32_t rows, high;
-
-    switch (job->phase) {
-    case ENVSAMP__DO_PROBABILITIES:
-        envsamp__choose(job);
-        return 0;
-    case ENVSAMP__DO_WRITE:
-        if (kd->select == ENVSAMP_KD_WARP)
-            return envsamp__write_warped(job, item);
-        envsamp__write_listed(job);
-        return 0;
-    case ENVSAMP__DO_GRID:
-        rows = 1u << kd->grid_bits_y;
-        high = rows < 8 ? rows : 8;
-        envsamp__write_grid(kd, job->writer.root, (uint32_t)item * high,
-                            (uint32_t)(item + 1) * high,
-                            (uint32_t *)(void *)((char *)kd + kd->grid_at));
-        return (uint32_t)(item + 1) * high < rows;
-    default:
-        ENVSAMP_MEMSET((char *)kd + kd->grid_at - sizeof(envsamp__node), 0, sizeof(envsamp__node));
-        kd->checksum = envsamp__checksum(kd);
-        kd->magic = ENVSAMP__KD_MAGIC;
-        return 0;
-    }
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_step(envsamp_kd_job *job, int count, int *done)
 {
-    if (!job)
-        return ENVSAMP_ERR_NULL;
-    for (; count > 0 && job->result == ENVSAMP_OK && job->phase != ENVSAMP__DO_NOTHING; count--) {
-        int item = job->next++;
-        int more = job->phase < ENVSAMP__DO_CROWN ? envsamp__kd_read(job, item)
-                 : job->phase < ENVSAMP__DO_PROBABILITIES ? envsamp__kd_split(job, item)
-                 : envsamp__kd_write(job, item);
-
-        if (!more) {
-            job->phase = (envsamp__kd_phase)(job->phase + 1);
-            job->next = 0;
-        }
-    }
-    if (done)
-        *done = job->result != ENVSAMP_OK || job->phase == ENVSAMP__DO_NOTHING;
-    return job->result;
+    return job ? envsamp__job_step(&job->base, count, done) : ENVSAMP_ERR_NULL;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_finish(envsamp_kd_job *job, const envsamp_kd **kd)
 {
-    envsamp_result result = ENVSAMP_OK;
-    int done = 0;
+    envsamp_result result;
 
     if (!kd)
         return ENVSAMP_ERR_NULL;
     *kd = NULL;
-    while (result == ENVSAMP_OK && !done)
-        result = envsamp_kd_step(job, INT_MAX, &done);
+    result = envsamp_kd_step(job, INT_MAX, NULL);
     if (result == ENVSAMP_OK)
-        *kd = job->kd;
+        *kd = (const envsamp_kd *)job->base.table;
     return result;
 }
 
@@ -4831,19 +4933,16 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
 
 /* ---- opening ---- */
 
-/* Whether a header describes a table of `bytes` with its arrays where they belong. */
-static int envsamp__kd_header_valid(const envsamp_kd *kd, size_t bytes)
+/* Whether a header describes a table with its arrays where they belong. */
+static int envsamp__kd_header_valid(const envsamp_kd *kd)
 {
     envsamp_kd layout;
 
-    if (bytes < sizeof *kd || kd->magic != ENVSAMP__KD_MAGIC
-        || kd->version != ENVSAMP__KD_VERSION || kd->bytes > bytes
-        || kd->select > ENVSAMP_KD_FIT || kd->tile_bits_x > 10 || kd->tile_bits_y > 10
+    if (kd->select > ENVSAMP_KD_FIT || kd->tile_bits_x > 10 || kd->tile_bits_y > 10
         || (kd->select != ENVSAMP_KD_WARP && kd->tile_bits_x + kd->tile_bits_y > 0)
         || kd->block_count >> (kd->tile_bits_x + kd->tile_bits_y) < 1
         || kd->model > ENVSAMP_KD_POWER || kd->criterion > ENVSAMP_KD_RANGE
-        || kd->mapping > ENVSAMP_OCTAHEDRAL || kd->bilinear > 1
-        || !envsamp__in_range(kd->mis_compensation, 0.0f, 1.0f)
+        || kd->bilinear > 1 || !envsamp__in_range(kd->mis_compensation, 0.0f, 1.0f)
         || kd->width < 1 || kd->width > 65535 || kd->height < 1 || kd->height > 65535
         || kd->block_count > 1048576
         || kd->drawn_count < 1 || kd->drawn_count > kd->block_count)
@@ -4986,15 +5085,16 @@ static int envsamp__kd_warp_valid(const envsamp_kd *kd)
 ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, const envsamp_kd **kd)
 {
     const envsamp_kd *header = (const envsamp_kd *)table;
+    envsamp_result result;
 
     if (!kd)
         return ENVSAMP_ERR_NULL;
     *kd = NULL;
-    if (!table)
-        return ENVSAMP_ERR_NULL;
-    if ((uintptr_t)table % ENVSAMP_ALIGN)
-        return ENVSAMP_ERR_ALIGN;
-    if (!envsamp__kd_header_valid(header, bytes) || header->checksum != envsamp__checksum(header)
+    result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__KD_MAGIC,
+                                  ENVSAMP__KD_VERSION);
+    if (result != ENVSAMP_OK)
+        return result;
+    if (!envsamp__kd_header_valid(header)
         || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
         || (header->select == ENVSAMP_KD_ALIAS && !envsamp__kd_alias_valid(header))
         || !(header->select == ENVSAMP_KD_WARP ? envsamp__kd_warp_valid(header)
@@ -5008,7 +5108,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, cons
 ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd)
 {
     ENVSAMP_ASSERT(kd);
-    return kd->bytes;
+    return (size_t)kd->bytes;
 }
 
 /* ============================================================================================
@@ -5596,16 +5696,14 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  * ========================================================================================== */
 
 #define ENVSAMP__CDF_MAGIC 0x434b5345u      /* "ESKC" in memory */
-#define ENVSAMP__CDF_VERSION 3u
+#define ENVSAMP__CDF_VERSION 4u
 #define ENVSAMP__PARTS 0x1000000u           /* 2^24 */
 #define ENVSAMP__WALK 4                     /* edges compared without a branch */
-#define ENVSAMP__CDF_SUMMED 131072          /* bytes of the checksum in one step */
 
 typedef struct envsamp__cdf_row { float north, south, polar, density; } envsamp__cdf_row;
 
 struct envsamp_cdf {
-    uint32_t magic, version, checksum;      /* checksum: of all that follows it */
-    uint32_t mapping;                       /* byte 12: as numbered in its enum */
+    uint32_t magic, version, checksum, mapping;     /* as every table: see envsamp__table */
     uint64_t bytes;                         /* 16 */
     uint32_t width, height;                 /* 24: of the cells: 1 more each if bilinear */
     uint32_t row_bits, polar_bits, guide_bits;                          /* 32 */
@@ -5625,26 +5723,13 @@ struct envsamp_cdf {
 
 typedef char envsamp__cdf_is_packed[sizeof(envsamp_cdf) == 160 ? 1 : -1];
 
-/* Arrays of the table. */
-ENVSAMP__HOT const envsamp__cdf_row *envsamp__cdf_rows(const envsamp_cdf *cdf)
-{
-    return (const envsamp__cdf_row *)(const void *)((const char *)cdf + cdf->rows_at);
-}
-ENVSAMP__HOT const uint16_t *envsamp__cdf_halves(const envsamp_cdf *cdf, uint64_t at)
-{
-    return (const uint16_t *)(const void *)((const char *)cdf + at);
-}
-ENVSAMP__HOT const uint32_t *envsamp__cdf_edges(const envsamp_cdf *cdf, uint32_t row)
-{
-    return ENVSAMP__ARRAY(uint32_t, cdf, edges)
-         + (size_t)row * ((size_t)cdf->width + ENVSAMP__WALK);
-}
-ENVSAMP__HOT const uint16_t *envsamp__cdf_guide(const envsamp_cdf *cdf, uint32_t row)
-{
-    return envsamp__cdf_halves(cdf, cdf->guide_at) + ((size_t)row << cdf->guide_bits);
-}
+/* The edges and the guide of a row. */
+#define ENVSAMP__CDF_EDGES(array, cdf, row) \
+    (array(uint32_t, cdf, edges) + (size_t)(row) * ((size_t)(cdf)->width + ENVSAMP__WALK))
+#define ENVSAMP__CDF_GUIDE(array, cdf, row) \
+    (array(uint16_t, cdf, guide) + ((size_t)(row) << (cdf)->guide_bits))
 
-/* The upper edge of a row as a kd table has it. */
+/* The upper edge of a row as kd tables have it. */
 ENVSAMP__MATH float envsamp__cdf_row_edge(const envsamp__cdf_row *row)
 {
     return row->north <= row->south ? row->north : envsamp__with_sign(row->south, 1);
@@ -5672,85 +5757,32 @@ static void envsamp__cdf_layout(envsamp_cdf *cdf)
     cdf->bytes = end;
 }
 
-/* Four sums, whose multiplications overlap. */
-typedef struct envsamp__cdf_sums { uint32_t sum[4]; uint64_t at; } envsamp__cdf_sums;
-
-static envsamp__cdf_sums envsamp__cdf_sums_begin(const envsamp_cdf *cdf)
-{
-    envsamp__cdf_sums s = { { 2166136261u, 1, 2, 3 ^ cdf->mapping }, offsetof(envsamp_cdf, bytes) };
-
-    return s;                               /* the rest is whole groups of four */
-}
-
-/* Adds some more of a table. Returns 0 when all of it is in. */
-static int envsamp__cdf_sums_add(const envsamp_cdf *cdf, uint64_t bytes, envsamp__cdf_sums *s)
-{
-    const unsigned char *byte = (const unsigned char *)cdf;
-    uint64_t end = cdf->bytes - s->at < bytes ? cdf->bytes : s->at + bytes;
-    uint32_t bits;
-    int k;
-
-    for (; s->at < end; s->at += 16)
-        for (k = 0; k < 4; k++) {
-            ENVSAMP_MEMCPY(&bits, byte + s->at + 4 * k, 4);
-            s->sum[k] = (s->sum[k] ^ bits) * 16777619u;
-            s->sum[k] ^= s->sum[k] >> 15;
-        }
-    return s->at < cdf->bytes;
-}
-
-static uint32_t envsamp__cdf_sums_end(const envsamp__cdf_sums *s)
-{
-    uint32_t sum = 2166136261u;
-    int k;
-
-    for (k = 0; k < 4; k++) {
-        sum = (sum ^ s->sum[k]) * 16777619u;
-        sum ^= sum >> 15;
-    }
-    return sum;
-}
-
-static uint32_t envsamp__cdf_checksum(const envsamp_cdf *cdf)
-{
-    envsamp__cdf_sums s = envsamp__cdf_sums_begin(cdf);
-
-    envsamp__cdf_sums_add(cdf, cdf->bytes, &s);
-    return envsamp__cdf_sums_end(&s);
-}
-
 /* ---- building ---- */
 
 struct envsamp_cdf_job {
-    envsamp__source source;
-    envsamp__map map;               /* without its pyramid; two lines of knots, or one of texels */
-    envsamp_cdf *cdf;
-    envsamp_result result;
-    int survey, next, done;         /* the next row, of the survey or of cells */
-    envsamp__cdf_sums sums;         /* of the finished table */
+    envsamp__job base;              /* its map: no pyramid; two lines of knots, or one of texels */
     double *weight;                 /* of each cell of a row: root mean square x solid angle */
     double *cell_square;            /* of each cell of a row, in units of its width, and its */
     float *cell_max;                /* maximum */
     double *mass;                   /* of each row */
-    double *square, *peak;           /* of each row: sum of L L / parts, largest L / parts */
+    double *square, *peak;          /* of each row: sum of L L / parts, largest L / parts */
 };
 
 static void envsamp__cdf_carve(envsamp_cdf_job *job, const envsamp_image *image,
                                const envsamp_cdf_desc *desc, envsamp__arena *arena)
 {
     int bilinear = !desc->nearest;
-    uint64_t rows = (uint64_t)image->height + (uint64_t)bilinear;
+    uint64_t width = (uint64_t)image->width + (uint64_t)bilinear;
+    uint64_t height = (uint64_t)image->height + (uint64_t)bilinear;
 
-    ENVSAMP_MEMSET(job, 0, sizeof *job);
-    envsamp__take(arena, 1, sizeof *job);
-    envsamp__source_carve(&job->source, image, bilinear, desc->mis_compensation, arena);
-    envsamp__map_carve(&job->map, image, bilinear, bilinear ? 2 : 1, arena);
-    job->weight = ENVSAMP__TAKE(double, arena, job->map.width);
-    job->cell_square = ENVSAMP__TAKE(double, arena, job->map.width);
-    job->cell_max = ENVSAMP__TAKE(float, arena, job->map.width);
-    job->mass = ENVSAMP__TAKE(double, arena, rows);
-    job->square = ENVSAMP__TAKE(double, arena, rows);
-    job->peak = ENVSAMP__TAKE(double, arena, rows);
+    envsamp__job_carve(&job->base, sizeof *job, image, bilinear, desc->mis_compensation,
+                       bilinear ? 2 : 1, arena);
+    job->weight = ENVSAMP__TAKE(double, arena, width);
+    job->cell_square = ENVSAMP__TAKE(double, arena, width);
+    job->cell_max = ENVSAMP__TAKE(float, arena, width);
+    job->mass = ENVSAMP__TAKE(double, arena, height);
+    job->square = ENVSAMP__TAKE(double, arena, height);
+    job->peak = ENVSAMP__TAKE(double, arena, height);
 }
 
 /* Arrays end where the next one begins, but for a gap: nothing in a table is left to chance. */
@@ -5804,7 +5836,7 @@ static void envsamp__cdf_write_guide(const uint32_t *edges, uint32_t bits, uint1
 /* What the cells of a row are drawn in proportion to, and what they will cost. */
 static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y)
 {
-    envsamp__map *map = &job->map;
+    envsamp__map *map = &job->base.map;
     const envsamp__row_part *part = &map->rows[y];
     envsamp__rect all = envsamp__whole_map(map);
     double sum = 0.0;
@@ -5834,11 +5866,9 @@ static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y)
 /* Row y of cells, whose knots are in memory. */
 static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
 {
-    envsamp_cdf *cdf = job->cdf;
-    uint32_t *edges = (uint32_t *)(void *)((char *)cdf + cdf->edges_at)
-                    + (size_t)y * ((size_t)cdf->width + ENVSAMP__WALK);
-    uint16_t *guide = (uint16_t *)(void *)((char *)cdf + cdf->guide_at)
-                    + ((size_t)y << cdf->guide_bits);
+    envsamp_cdf *cdf = (envsamp_cdf *)job->base.table;
+    uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY_OUT, cdf, y);
+    uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y);
     double square = 0.0, peak = 0.0;
     uint32_t x;
 
@@ -5865,18 +5895,29 @@ static double envsamp__cdf_row_density(const uint32_t *row_edge, double sr)
     return (double)(row_edge[1] - row_edge[0]) * unit * unit / sr;
 }
 
+/* The row that holds the beginning of a cell of the polar coordinate, from row y on. */
+static uint32_t envsamp__cdf_polar_row(const envsamp_cdf *cdf, uint32_t cell, uint32_t y)
+{
+    const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
+
+    while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
+        y++;
+    return y;
+}
+
 /* The rows, by their masses, and what all of it costs. */
 static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf)
 {
-    const envsamp__map *map = &job->map;
-    envsamp__cdf_row *rows = (envsamp__cdf_row *)(void *)((char *)cdf + cdf->rows_at);
-    uint32_t *edges = (uint32_t *)(void *)((char *)cdf + cdf->row_edges_at);
+    const envsamp__map *map = &job->base.map;
+    envsamp__cdf_row *rows = ENVSAMP__ARRAY_OUT(envsamp__cdf_row, cdf, rows);
+    uint32_t *edges = ENVSAMP__ARRAY_OUT(uint32_t, cdf, row_edges);
+    uint16_t *polar_guide = ENVSAMP__ARRAY_OUT(uint16_t, cdf, polar_guide);
     double second = 0.0, peak = 0.0;
     int height = (int)cdf->height, y;
+    uint32_t cell, row;
 
     envsamp__cdf_share(job->mass, cdf->height, edges);
-    envsamp__cdf_write_guide(edges, cdf->row_bits,
-                             (uint16_t *)(void *)((char *)cdf + cdf->row_guide_at));
+    envsamp__cdf_write_guide(edges, cdf->row_bits, ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
     for (y = 0; y <= height; y++) {
         envsamp__row edge = envsamp__edge_row(envsamp__edge_y(map, envsamp__y_edge(map, y)));
 
@@ -5895,60 +5936,54 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     }
     cdf->excess_variance = envsamp__excess(second, map->integral);
     cdf->max_ratio = peak / map->integral;
-}
-
-/* The row that holds the beginning of each cell of the polar coordinate. */
-static void envsamp__cdf_write_polar(envsamp_cdf *cdf)
-{
-    const envsamp__cdf_row *rows = envsamp__cdf_rows(cdf);
-    uint16_t *guide = (uint16_t *)(void *)((char *)cdf + cdf->polar_guide_at);
-    uint32_t cell, y = 0;
-
-    for (cell = 0; cell < 1u << cdf->polar_bits; cell++) {
-        while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
-            y++;
-        guide[cell] = (uint16_t)y;
-    }
+    for (cell = row = 0; cell < 1u << cdf->polar_bits; cell++)
+        polar_guide[cell] = (uint16_t)(row = envsamp__cdf_polar_row(cdf, cell, row));
 }
 
 /* Reads a row of texels and writes the rows of cells that are complete with it. */
 static envsamp_result envsamp__cdf_read(envsamp_cdf_job *job, int y)
 {
-    envsamp__map *map = &job->map;
+    envsamp__map *map = &job->base.map;
     float *above = map->knots, *line = above + (map->bilinear ? map->stride : 0);
-    envsamp_result result = envsamp__source_row(&job->source, y, line + map->bilinear);
+    envsamp_result result = envsamp__source_row(&job->base.source, y, line + map->bilinear);
 
     if (result != ENVSAMP_OK || !map->bilinear) {
         if (result == ENVSAMP_OK)
             envsamp__cdf_write_row(job, y);
         return result;
     }
-    envsamp__end_line(&job->source, y, line);
+    envsamp__end_line(&job->base.source, y, line);
     if (y == 0)
-        envsamp__border_line(&job->source, y, -1, line, above);
+        envsamp__border_line(&job->base.source, y, -1, line, above);
     envsamp__cdf_write_row(job, y);
     ENVSAMP_MEMCPY(above, line, map->stride * sizeof(float));
     if (y + 1 == map->image_height) {
-        envsamp__border_line(&job->source, y, map->image_height, above, line);
+        envsamp__border_line(&job->base.source, y, map->image_height, above, line);
         envsamp__cdf_write_row(job, y + 1);
     }
     return ENVSAMP_OK;
 }
 
-/* The rest of the table but for its checksum. */
-static envsamp_result envsamp__cdf_end(envsamp_cdf_job *job)
+/* Rows of texels, then the rest of the table but for its checksum. Returns 0 after that. */
+static int envsamp__cdf_work(envsamp__job *base, int item)
 {
-    envsamp_cdf *cdf = job->cdf;
+    envsamp_cdf_job *job = (envsamp_cdf_job *)(void *)base;
+    envsamp_cdf *cdf = (envsamp_cdf *)base->table;
 
-    if (!(job->map.integral > 0.0))
-        return ENVSAMP_ERR_BLACK;
+    if (item < base->map.image_height) {
+        base->result = envsamp__cdf_read(job, item);
+        return 1;
+    }
+    if (!(base->map.integral > 0.0)) {
+        base->result = ENVSAMP_ERR_BLACK;
+        return 1;
+    }
     envsamp__cdf_write_rows(job, cdf);
-    envsamp__cdf_write_polar(cdf);
-    cdf->integral = job->source.compensation > 0.0f ? job->source.integral : job->map.integral;
-    cdf->mis_compensation = job->source.compensation;
-    cdf->bad_pixel_count = job->source.bad_pixel_count;
-    job->sums = envsamp__cdf_sums_begin(cdf);
-    return ENVSAMP_OK;
+    cdf->integral = base->source.compensation > 0.0f ? base->source.integral : base->map.integral;
+    cdf->mis_compensation = base->source.compensation;
+    cdf->bad_pixel_count = base->source.bad_pixel_count;
+    base->phase = (envsamp__phase)(ENVSAMP__CHECKSUM - 1);
+    return 0;
 }
 
 ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
@@ -5998,71 +6033,44 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
                                              envsamp_cdf_job **job)
 {
     envsamp_cdf_desc defaults = envsamp_cdf_defaults();
-    envsamp__arena arena = { NULL, 0 };
+    envsamp__arena arena = { (char *)scratch.data, 0 };
+    envsamp_cdf *cdf = (envsamp_cdf *)table.data;
     envsamp_sizes sizes;
     envsamp_result result;
-    envsamp_cdf_job *work = (envsamp_cdf_job *)scratch.data;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
     *job = NULL;
     desc = desc ? desc : &defaults;
     result = envsamp_cdf_sizes(image, desc, &sizes);
-    if (result == ENVSAMP_OK && !fn)
-        result = envsamp__floats_check(image->pixels);
     if (result == ENVSAMP_OK)
-        result = envsamp__buffers_check(&sizes, table, scratch);
+        result = envsamp__job_check(image, fn, &sizes, table, scratch);
     if (result != ENVSAMP_OK)
         return result;
-    arena.base = (char *)scratch.data;
-    envsamp__cdf_carve(work, image, desc, &arena);
-    work->cdf = (envsamp_cdf *)table.data;
-    envsamp__cdf_head(work->cdf, image, desc);
-    envsamp__cdf_clear_gaps(work->cdf);
-    work->survey = envsamp__source_begin(&work->source, &work->map, fn, user, desc->strict);
-    *job = work;
+    *job = (envsamp_cdf_job *)scratch.data;
+    envsamp__cdf_carve(*job, image, desc, &arena);
+    envsamp__cdf_head(cdf, image, desc);
+    envsamp__cdf_clear_gaps(cdf);
+    envsamp__job_start(&(*job)->base, cdf, ENVSAMP__CDF_MAGIC, envsamp__cdf_work, fn, user,
+                       desc->strict);
     return ENVSAMP_OK;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_step(envsamp_cdf_job *job, int count, int *done)
 {
-    if (!job)
-        return ENVSAMP_ERR_NULL;
-    for (; count > 0 && job->result == ENVSAMP_OK && !job->done; count--) {
-        int height = job->map.image_height, y = job->next++;
-
-        if (y < height) {
-            job->result = job->survey ? envsamp__survey_row(&job->source, &job->map, y,
-                                                            job->map.knots)
-                                      : envsamp__cdf_read(job, y);
-        } else if (job->survey) {
-            envsamp__survey_end(&job->source, &job->map);
-            job->survey = job->next = 0;
-        } else if (y == height) {
-            job->result = envsamp__cdf_end(job);
-        } else if (!envsamp__cdf_sums_add(job->cdf, ENVSAMP__CDF_SUMMED, &job->sums)) {
-            job->cdf->checksum = envsamp__cdf_sums_end(&job->sums);
-            job->cdf->magic = ENVSAMP__CDF_MAGIC;
-            job->done = 1;
-        }
-    }
-    if (done)
-        *done = job->result != ENVSAMP_OK || job->done;
-    return job->result;
+    return job ? envsamp__job_step(&job->base, count, done) : ENVSAMP_ERR_NULL;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_finish(envsamp_cdf_job *job, const envsamp_cdf **cdf)
 {
-    envsamp_result result = ENVSAMP_OK;
-    int done = 0;
+    envsamp_result result;
 
     if (!cdf)
         return ENVSAMP_ERR_NULL;
     *cdf = NULL;
-    while (result == ENVSAMP_OK && !done)
-        result = envsamp_cdf_step(job, INT_MAX, &done);
+    result = envsamp_cdf_step(job, INT_MAX, NULL);
     if (result == ENVSAMP_OK)
-        *cdf = job->cdf;
+        *cdf = (const envsamp_cdf *)job->base.table;
     return result;
 }
 
@@ -6082,15 +6090,12 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
 
 /* ---- opening ---- */
 
-/* Whether a header describes a table of `bytes` with its arrays where they belong. */
-static int envsamp__cdf_header_valid(const envsamp_cdf *cdf, size_t bytes)
+/* Whether a header describes a table with its arrays where they belong. */
+static int envsamp__cdf_header_valid(const envsamp_cdf *cdf)
 {
     envsamp_cdf layout;
 
-    if (bytes < sizeof *cdf || cdf->magic != ENVSAMP__CDF_MAGIC
-        || cdf->version != ENVSAMP__CDF_VERSION || cdf->bytes > bytes
-        || cdf->mapping > ENVSAMP_OCTAHEDRAL || cdf->bilinear > 1
-        || !envsamp__in_range(cdf->mis_compensation, 0.0f, 1.0f)
+    if (cdf->bilinear > 1 || !envsamp__in_range(cdf->mis_compensation, 0.0f, 1.0f)
         || cdf->image_width < 1 || cdf->image_width > 65535
         || cdf->image_height < 1 || cdf->image_height > 65535)
         return 0;
@@ -6122,9 +6127,9 @@ static int envsamp__cdf_edges_valid(const uint32_t *edges, uint32_t count, const
 /* Rows that follow one another, with densities where they are drawn, and the guide to them. */
 static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
 {
-    const envsamp__cdf_row *rows = envsamp__cdf_rows(cdf);
+    const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
     const uint32_t *edges = ENVSAMP__ARRAY(uint32_t, cdf, row_edges);
-    const uint16_t *guide = envsamp__cdf_halves(cdf, cdf->polar_guide_at);
+    const uint16_t *guide = ENVSAMP__ARRAY(uint16_t, cdf, polar_guide);
     uint32_t y, cell;
 
     for (y = 0; y <= cdf->height; y++) {
@@ -6149,8 +6154,7 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
             return 0;                                       /* edges of low rows are rounded */
     }
     for (cell = y = 0; cell < 1u << cdf->polar_bits; cell++) {
-        while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
-            y++;
+        y = envsamp__cdf_polar_row(cdf, cell, y);
         if (guide[cell] != y)
             return 0;
     }
@@ -6161,26 +6165,25 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                             const envsamp_cdf **cdf)
 {
     const envsamp_cdf *header = (const envsamp_cdf *)table;
+    envsamp_result result;
     uint32_t y;
 
     if (!cdf)
         return ENVSAMP_ERR_NULL;
     *cdf = NULL;
-    if (!table)
-        return ENVSAMP_ERR_NULL;
-    if ((uintptr_t)table % ENVSAMP_ALIGN)
-        return ENVSAMP_ERR_ALIGN;
-    if (!envsamp__cdf_header_valid(header, bytes)
-        || header->checksum != envsamp__cdf_checksum(header)
-        || !envsamp__cdf_edges_valid(ENVSAMP__ARRAY(uint32_t, header, row_edges),
-                                     header->height,
-                                     envsamp__cdf_halves(header, header->row_guide_at),
-                                     header->row_bits)
+    result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__CDF_MAGIC,
+                                  ENVSAMP__CDF_VERSION);
+    if (result != ENVSAMP_OK)
+        return result;
+    if (!envsamp__cdf_header_valid(header)
+        || !envsamp__cdf_edges_valid(ENVSAMP__ARRAY(uint32_t, header, row_edges), header->height,
+                                     ENVSAMP__ARRAY(uint16_t, header, row_guide), header->row_bits)
         || !envsamp__cdf_rows_valid(header))
         return ENVSAMP_ERR_FORMAT;
     for (y = 0; y < header->height; y++)
-        if (!envsamp__cdf_edges_valid(envsamp__cdf_edges(header, y), header->width,
-                                      envsamp__cdf_guide(header, y), header->guide_bits))
+        if (!envsamp__cdf_edges_valid(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, header, y), header->width,
+                                      ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, header, y),
+                                      header->guide_bits))
             return ENVSAMP_ERR_FORMAT;
     *cdf = header;
     return ENVSAMP_OK;
@@ -6234,7 +6237,7 @@ ENVSAMP__HOT uint32_t envsamp__cdf_find(const uint32_t *edges, uint32_t count,
 ENVSAMP__HOT uint32_t envsamp__cdf_find_row(const envsamp_cdf *cdf, uint32_t draw)
 {
     return envsamp__cdf_find(ENVSAMP__ARRAY(uint32_t, cdf, row_edges), cdf->height,
-                             envsamp__cdf_halves(cdf, cdf->row_guide_at), cdf->row_bits, draw);
+                             ENVSAMP__ARRAY(uint16_t, cdf, row_guide), cdf->row_bits, draw);
 }
 
 /* Which of its 2^24 values a number is. */
@@ -6259,16 +6262,16 @@ ENVSAMP__HOT float envsamp__cdf_parts_pdf(const envsamp_cdf *cdf, uint32_t row, 
 {
     uint32_t half = cdf->bilinear & (uint32_t)((column == 0) | (column + 1 == cdf->width));
 
-    return (float)(int)(parts << half) * envsamp__cdf_rows(cdf)[row].density;
+    return (float)(int)(parts << half) * ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows)[row].density;
 }
 
 /* The texel of a row that a number draws. */
 ENVSAMP__HOT envsamp__texel envsamp__cdf_texel(const envsamp_cdf *cdf, uint32_t row,
                                                uint32_t across, uint32_t down)
 {
-    const uint32_t *edge = envsamp__cdf_edges(cdf, row);
-    uint32_t column = envsamp__cdf_find(edge, cdf->width, envsamp__cdf_guide(cdf, row),
-                                        cdf->guide_bits, across);
+    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row);
+    const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row);
+    uint32_t column = envsamp__cdf_find(edge, cdf->width, guide, cdf->guide_bits, across);
     envsamp__texel t;
 
     edge += column;
@@ -6282,7 +6285,7 @@ ENVSAMP__HOT envsamp__texel envsamp__cdf_texel(const envsamp_cdf *cdf, uint32_t 
 
 ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__texel t)
 {
-    const envsamp__cdf_row *row = envsamp__cdf_rows(cdf) + t.row;
+    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + t.row;
     float x0 = (float)(int)t.column - cdf->offset, x1 = x0 + 1.0f;
     float end = (float)(int)cdf->image_width;
     envsamp__point p;
@@ -6318,7 +6321,7 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
                                                 float r)
 {
     envsamp__diamond d = envsamp__place(cdf->mapping, cdf->polar_end, x, y, z, r);
-    const envsamp__cdf_row *rows = envsamp__cdf_rows(cdf);
+    const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
     uint32_t cell = (uint32_t)(int)(d.polar * cdf->polar_scale);
     float turn = cdf->mapping == ENVSAMP_OCTAHEDRAL ? 0.25f * d.azimuth
                : envsamp__turn(d.valid ? y : 0.0f, d.valid ? x : 0.0f);
@@ -6326,7 +6329,7 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
 
     /* after the turn: before it, clang makes branches of the choices in there, at twice the time */
     cell = cell < 1u << cdf->polar_bits ? cell : (1u << cdf->polar_bits) - 1;
-    at.row = envsamp__cdf_halves(cdf, cdf->polar_guide_at)[cell];
+    at.row = ENVSAMP__ARRAY(uint16_t, cdf, polar_guide)[cell];
     while (at.row + 1 < cdf->height && d.polar >= rows[at.row + 1].polar)
         at.row++;
     at.column = envsamp__index(turn * (float)(int)cdf->image_width + cdf->offset, cdf->width);
@@ -6336,7 +6339,7 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
 
 ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_place at)
 {
-    const uint32_t *edge = envsamp__cdf_edges(cdf, at.row) + at.column;
+    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
 
     return at.valid ? envsamp__cdf_parts_pdf(cdf, at.row, at.column, edge[1] - edge[0]) : 0.0f;
 }
@@ -6376,8 +6379,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
     if (!(envsamp__cdf_density(cdf, at) > 0.0f))
         return 0;
     e = envsamp__exact_place(cdf->mapping, dir);
-    row = envsamp__cdf_rows(cdf) + at.row;
-    edge = envsamp__cdf_edges(cdf, at.row) + at.column;
+    row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
+    edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
     row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row;
     x0 = envsamp__max((double)at.column - (double)cdf->offset, 0.0);
     x1 = envsamp__min_double((double)at.column + 1.0 - (double)cdf->offset,
@@ -6390,49 +6393,43 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
 
 /* ---- many at a time ---- */
 
-/* The rows of n draws, and on its way into the cache what finding their texels will read: first all
-   cells of the guides, then all edges. One sample at a time waits for both. */
-ENVSAMP__HOT void envsamp__cdf_fetch_batch(const envsamp_cdf *cdf, int n, const uint32_t *across,
-                                           const uint32_t *down, uint32_t *row)
+/* At most ENVSAMP__BATCH samples. Cells of all guides, then all edges, are fetched into the cache
+   before the first is read: one sample at a time waits for both. Directions are those of a whole
+   batch, or of some multiple of 16, so that compilers vectorise them. */
+static void envsamp__cdf_sample_batch(const envsamp_cdf *cdf, int n, const float *u0,
+                                      const float *u1, float *const out[4])
 {
-    uint32_t shift = 24 - cdf->guide_bits;
-    int i;
+    uint32_t row[ENVSAMP__BATCH], across[ENVSAMP__BATCH], down[ENVSAMP__BATCH];
+    float dir[3][ENVSAMP__BATCH];
+    envsamp__batch batch;
+    int i, k;
 
+    if (n < ENVSAMP__BATCH)
+        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
     for (i = 0; i < n; i++) {
+        across[i] = envsamp__draw(u0[i]);
+        down[i] = envsamp__draw(u1[i]);
         row[i] = envsamp__cdf_find_row(cdf, down[i]);
-        ENVSAMP__PREFETCH(envsamp__cdf_guide(cdf, row[i]) + (across[i] >> shift));
+        ENVSAMP__PREFETCH(ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i])
+                          + (across[i] >> (24 - cdf->guide_bits)));
     }
     for (i = 0; i < n; i++) {
-        const uint32_t *edge = envsamp__cdf_edges(cdf, row[i])
-                             + envsamp__cdf_guide(cdf, row[i])[across[i] >> shift];
+        const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i]);
+        const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row[i])
+                             + guide[across[i] >> (24 - cdf->guide_bits)];
 
         ENVSAMP__PREFETCH(edge);
         ENVSAMP__PREFETCH(edge + ENVSAMP__WALK);
     }
-}
-
-ENVSAMP__HOT void envsamp__cdf_sample_batch(const envsamp_cdf *cdf, int n, const float *u0,
-                                            const float *u1, float *x, float *y, float *z,
-                                            float *pdf)
-{
-    uint32_t row[ENVSAMP__BATCH], across[ENVSAMP__BATCH], down[ENVSAMP__BATCH];
-    envsamp__batch batch;
-    int i;
-
-    for (i = 0; i < n; i++) {
-        across[i] = envsamp__draw(u0[i]);
-        down[i] = envsamp__draw(u1[i]);
-    }
-    envsamp__cdf_fetch_batch(cdf, n, across, down, row);
     for (i = 0; i < n; i++) {
         envsamp__texel t = envsamp__cdf_texel(cdf, row[i], across[i], down[i]);
-        envsamp__point p = envsamp__cdf_point(cdf, t);
 
-        envsamp__batch_put(&batch, i, p, t.pdf);
+        envsamp__batch_put(&batch, i, envsamp__cdf_point(cdf, t), t.pdf);
     }
-    envsamp__point_dirs(cdf->mapping, n, batch.at, x, y, z);
-    for (i = 0; i < n; i++)
-        pdf[i] = batch.at[3 * ENVSAMP__BATCH + i];
+    envsamp__point_dirs(cdf->mapping, (n + 15) & 0x70, batch.at, dir[0], dir[1], dir[2]);
+    for (k = 0; k < 4; k++)
+        ENVSAMP_MEMCPY(out[k], k < 3 ? dir[k] : batch.at + 3 * ENVSAMP__BATCH,
+                       (size_t)n * sizeof(float));
 }
 
 ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
@@ -6441,15 +6438,16 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
     size_t i;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
-    for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
-        envsamp__cdf_sample_batch(cdf, ENVSAMP__BATCH, u0 + i, u1 + i, x + i, y + i, z + i,
-                                  pdf + i);
-    if (i < n)
-        envsamp__cdf_sample_batch(cdf, (int)(n - i), u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
+    for (i = 0; i < n; i += ENVSAMP__BATCH) {
+        float *const out[4] = { x + i, y + i, z + i, pdf + i };
+
+        envsamp__cdf_sample_batch(cdf, n - i < ENVSAMP__BATCH ? (int)(n - i) : ENVSAMP__BATCH,
+                                  u0 + i, u1 + i, out);
+    }
 }
 
-ENVSAMP__HOT void envsamp__cdf_pdf_batch(const envsamp_cdf *cdf, int n, const float *x,
-                                         const float *y, const float *z, float *pdf)
+static void envsamp__cdf_pdf_batch(const envsamp_cdf *cdf, int n, const float *x, const float *y,
+                                   const float *z, float *pdf)
 {
     envsamp__cdf_place at[ENVSAMP__BATCH];
     float r[ENVSAMP__BATCH];
@@ -6460,7 +6458,7 @@ ENVSAMP__HOT void envsamp__cdf_pdf_batch(const envsamp_cdf *cdf, int n, const fl
     envsamp__sqrt_n(r, n);
     for (i = 0; i < n; i++) {
         at[i] = envsamp__cdf_at(cdf, x[i], y[i], z[i], r[i]);
-        ENVSAMP__PREFETCH(envsamp__cdf_edges(cdf, at[i].row) + at[i].column);
+        ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
     }
     for (i = 0; i < n; i++)
         pdf[i] = envsamp__cdf_density(cdf, at[i]);
@@ -6472,10 +6470,9 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
     size_t i;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
-    for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
-        envsamp__cdf_pdf_batch(cdf, ENVSAMP__BATCH, x + i, y + i, z + i, pdf + i);
-    if (i < n)
-        envsamp__cdf_pdf_batch(cdf, (int)(n - i), x + i, y + i, z + i, pdf + i);
+    for (i = 0; i < n; i += ENVSAMP__BATCH)
+        envsamp__cdf_pdf_batch(cdf, n - i < ENVSAMP__BATCH ? (int)(n - i) : ENVSAMP__BATCH,
+                               x + i, y + i, z + i, pdf + i);
 }
 
 /* ============================================================================================
