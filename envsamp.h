@@ -752,8 +752,7 @@ ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc);
  *   moves the residuals by does not keep the others from converging. Not converged is what ends at
  *   a wall, behind which fn is not finite, at a kink, on a plateau, or where a derivative stays
  *   hidden. Where J is singular at a root the last steps creep, and may use up max_iterations.
- * Source: [3]; trust region, scaling and stopping tests [5], but the equation of the step bound is
- *   solved on singular values. */
+ * Source: [3]; trust region, scaling and stopping tests [5]. */
 ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn fn, void *user,
                                       double *params, envsamp_buffer scratch,
                                       envsamp_lm_info *info);
@@ -1256,6 +1255,81 @@ static envsamp_result envsamp__buffers_check(const envsamp_sizes *sizes, envsamp
     if ((uintptr_t)table.data % ENVSAMP_ALIGN || (uintptr_t)scratch.data % ENVSAMP_ALIGN)
         return ENVSAMP_ERR_ALIGN;
     return ENVSAMP_OK;
+}
+
+/* ---- tables ---- */
+
+/* How every table begins. The checksum is of all that follows it. */
+typedef struct envsamp__table {
+    uint32_t magic, version, checksum, mapping;
+    uint64_t bytes;
+} envsamp__table;
+
+/* Four FNV-1a sums, each of every fourth word, with a shift so that high bits reach low ones: their
+   multiplications overlap. */
+typedef struct envsamp__sums { uint32_t lane[4]; uint64_t at; } envsamp__sums;
+
+/* Adds at most so many bytes of a table, a multiple of 16, to sums that begin as zeros. Returns 0
+   when all of it is in, and its checksum. */
+static int envsamp__sums_add(const void *table, uint64_t most, envsamp__sums *s, uint32_t *checksum)
+{
+    envsamp__table head;
+    uint32_t word[4];
+    uint64_t end;
+    int k;
+
+    ENVSAMP_MEMCPY(&head, table, sizeof head);
+    if (s->at == 0) {
+        for (k = 0; k < 4; k++)
+            s->lane[k] = 2166136261u + (uint32_t)k;
+        s->lane[3] ^= head.mapping;
+        s->at = offsetof(envsamp__table, bytes);
+    }
+    for (end = s->at + most; s->at < end && s->at < head.bytes; s->at += sizeof word) {
+        if (head.bytes - s->at >= sizeof word) {
+            ENVSAMP_MEMCPY(word, (const char *)table + s->at, sizeof word);
+        } else {
+            ENVSAMP_MEMSET(word, 0, sizeof word);
+            ENVSAMP_MEMCPY(word, (const char *)table + s->at, (size_t)(head.bytes - s->at));
+        }
+        for (k = 0; k < 4; k++) {
+            s->lane[k] = (s->lane[k] ^ word[k]) * 16777619u;
+            s->lane[k] ^= s->lane[k] >> 15;
+        }
+    }
+    *checksum = 2166136261u;
+    for (k = 0; k < 4; k++) {
+        *checksum = (*checksum ^ s->lane[k]) * 16777619u;
+        *checksum ^= *checksum >> 15;
+    }
+    return s->at < head.bytes;
+}
+
+static uint32_t envsamp__checksum(const void *table)
+{
+    envsamp__sums sums = { { 0, 0, 0, 0 }, 0 };
+    uint32_t checksum;
+
+    envsamp__sums_add(table, UINT64_MAX / 2, &sums, &checksum);
+    return checksum;
+}
+
+/* Whether `bytes` from `table` may be a table with such a header: what all kinds have in common. */
+static envsamp_result envsamp__table_check(const void *table, size_t bytes, size_t header_bytes,
+                                           uint32_t magic, uint32_t version)
+{
+    envsamp__table head;
+
+    if (!table)
+        return ENVSAMP_ERR_NULL;
+    if ((uintptr_t)table % ENVSAMP_ALIGN)
+        return ENVSAMP_ERR_ALIGN;
+    if (bytes < header_bytes)
+        return ENVSAMP_ERR_FORMAT;
+    ENVSAMP_MEMCPY(&head, table, sizeof head);
+    return head.magic == magic && head.version == version && head.mapping <= ENVSAMP_OCTAHEDRAL
+        && head.bytes >= header_bytes && head.bytes <= bytes
+        && head.checksum == envsamp__checksum(table) ? ENVSAMP_OK : ENVSAMP_ERR_FORMAT;
 }
 
 /* ---- images ---- */
@@ -4011,15 +4085,16 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  * ========================================================================================== */
 
 #define ENVSAMP__KD_MAGIC 0x444b5345u   /* "ESKD" in memory */
-#define ENVSAMP__KD_VERSION 4u
+#define ENVSAMP__KD_VERSION 5u
 #define ENVSAMP__INNER 0x80000000u      /* of a link: not a density */
 
 typedef struct envsamp__warp { float cut, edge; uint32_t child[2]; } envsamp__warp;
 typedef struct envsamp__node { float cut; uint32_t child[2]; } envsamp__node;
 
 struct envsamp_kd {
-    uint32_t magic, version, bytes, checksum;   /* checksum: of all that follows it */
-    uint32_t select, model, criterion, mapping; /* byte 16: as numbered in their enums */
+    uint32_t magic, version, checksum, mapping; /* as every table: see envsamp__table */
+    uint64_t bytes;                             /* 16 */
+    uint32_t select, model;                     /* 24: as numbered in their enums */
     uint32_t width, height, block_count;        /* 32 */
     uint32_t drawn_count;                       /* 44: blocks that can be drawn: FIT, the first */
     uint32_t alias_shift;                       /* 48: 24 - log2 of the bins */
@@ -4035,14 +4110,16 @@ struct envsamp_kd {
     double fit_total;                           /* 176: FIT: G(n) */
     uint64_t bad_pixel_count;                   /* 184 */
     float mis_compensation;                     /* 192 */
-    uint32_t spare;
+    uint32_t criterion;
 };
 
 typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 200 ? 1 : -1];
 
 /* An array of the table. */
-#define ENVSAMP__ARRAY(type, kd, name) \
-    ((const type *)(const void *)((const char *)(kd) + (kd)->name##_at))
+#define ENVSAMP__ARRAY(type, table, name) \
+    ((const type *)(const void *)((const char *)(table) + (table)->name##_at))
+#define ENVSAMP__ARRAY_OUT(type, table, name) \
+    ((type *)(void *)((char *)(table) + (table)->name##_at))
 
 /* Bits of a power of two that is at least count. */
 static uint32_t envsamp__bits(uint32_t count)
@@ -4089,19 +4166,6 @@ static void envsamp__kd_layout(envsamp_kd *kd)
     kd->nodes_at = envsamp__allot(&end, kd->block_count, 12);
     kd->grid_at = envsamp__allot(&end, 1u << (kd->grid_bits_x + kd->grid_bits_y), 4);
     kd->bytes = end;
-}
-
-static uint32_t envsamp__checksum(const envsamp_kd *kd)
-{
-    const unsigned char *byte = (const unsigned char *)kd;
-    uint32_t sum = 2166136261u, at, bits;
-
-    for (at = (uint32_t)offsetof(envsamp_kd, checksum) + 4; at < kd->bytes; at += 4) {
-        ENVSAMP_MEMCPY(&bits, byte + at, 4);
-        sum = (sum ^ bits) * 16777619u;
-        sum ^= sum >> 15;
-    }
-    return sum;
 }
 
 /* ---- building ---- */
@@ -4371,35 +4435,113 @@ static void envsamp__warp_tile(envsamp__warp_writer *w, uint32_t i)
 
 /* A build is a job that does one item of work after the other, so that it can be spread over
    frames: the same items in the same order, however many at a time. What an item of work is: */
-typedef enum envsamp__kd_phase {
-    ENVSAMP__DO_SURVEY,         /* a row of texels, ahead of the build */
-    ENVSAMP__DO_ROWS,           /* a row of texels */
-    ENVSAMP__DO_LEVELS,         /* a row of cells of a coarser level */
-    ENVSAMP__DO_CROWN,          /* a block of the crown halved */
-    ENVSAMP__DO_TILES,          /* the first split of a tile searched */
-    ENVSAMP__DO_SPLITS,         /* a split searched, or made */
-    ENVSAMP__DO_MOMENTS,        /* a block, where sums were not exact */
-    ENVSAMP__DO_PROBABILITIES,  /* all blocks; FIT: the fit */
-    ENVSAMP__DO_WRITE,          /* WARP: a tile; else all blocks */
-    ENVSAMP__DO_GRID,           /* some rows of cells */
-    ENVSAMP__DO_SEAL,           /* the checksum */
-    ENVSAMP__DO_NOTHING
-} envsamp__kd_phase;
+typedef enum envsamp__phase {
+    ENVSAMP__SURVEY,            /* a row of texels, ahead of the build */
+    ENVSAMP__ROWS,              /* a row of texels */
+    ENVSAMP__PYRAMID,           /* kd: a row of cells of a coarser level */
+    ENVSAMP__CROWN,             /* kd: a block of the crown halved */
+    ENVSAMP__TILES,             /* kd: the first split of a tile searched */
+    ENVSAMP__SPLITS,            /* kd: a split searched, or made */
+    ENVSAMP__MOMENTS,           /* kd: a block, where sums were not exact */
+    ENVSAMP__PROBABILITIES,     /* kd: all blocks; FIT: the fit */
+    ENVSAMP__WRITE,             /* kd, WARP: a tile; else all blocks */
+    ENVSAMP__GRID,              /* kd: some rows of cells */
+    ENVSAMP__CHECKSUM,          /* some bytes of the table */
+    ENVSAMP__DONE
+} envsamp__phase;
 
-struct envsamp_kd_job {
+#define ENVSAMP__SUMMED 131072  /* bytes of the checksum in one step */
+
+/* What the jobs of kd and cdf begin with. */
+typedef struct envsamp__job envsamp__job;
+struct envsamp__job {
     envsamp__source source;
     envsamp__map map;
+    void *table;
+    envsamp_result result;
+    envsamp__phase phase;
+    int next;                       /* the item of the phase */
+    uint32_t magic;                 /* of a finished table */
+    envsamp__sums sums;
+    int (*work)(envsamp__job *job, int item);   /* of the other phases; 0 at the end of one */
+};
+
+/* A job of so many bytes at the beginning of a buffer, and what it reads the map with. */
+static void envsamp__job_carve(envsamp__job *job, size_t bytes, const envsamp_image *image,
+                               int bilinear, float compensation, uint64_t lines,
+                               envsamp__arena *arena)
+{
+    ENVSAMP_MEMSET(job, 0, bytes);
+    envsamp__take(arena, 1, bytes);
+    envsamp__source_carve(&job->source, image, bilinear, compensation, arena);
+    envsamp__map_carve(&job->map, image, bilinear, lines, arena);
+}
+
+static envsamp_result envsamp__job_check(const envsamp_image *image, envsamp_row_fn fn,
+                                         const envsamp_sizes *sizes, envsamp_buffer table,
+                                         envsamp_buffer scratch)
+{
+    envsamp_result result = fn ? ENVSAMP_OK : envsamp__floats_check(image->pixels);
+
+    return result == ENVSAMP_OK ? envsamp__buffers_check(sizes, table, scratch) : result;
+}
+
+static void envsamp__job_start(envsamp__job *job, void *table, uint32_t magic,
+                               int (*work)(envsamp__job *, int), envsamp_row_fn fn, void *user,
+                               int strict)
+{
+    job->table = table;
+    job->magic = magic;
+    job->work = work;
+    job->phase = envsamp__source_begin(&job->source, &job->map, fn, user, strict)
+               ? ENVSAMP__SURVEY : ENVSAMP__ROWS;
+}
+
+/* Returns 0 at the end of a phase. */
+static int envsamp__job_item(envsamp__job *job, int item)
+{
+    envsamp__table head;
+    int more;
+
+    switch (job->phase) {
+    case ENVSAMP__SURVEY:
+        job->result = envsamp__survey_row(&job->source, &job->map, item, job->map.knots);
+        if (item + 1 < job->map.image_height)
+            return 1;
+        envsamp__survey_end(&job->source, &job->map);
+        return 0;
+    case ENVSAMP__CHECKSUM:
+        ENVSAMP_MEMCPY(&head, job->table, sizeof head);
+        more = envsamp__sums_add(job->table, ENVSAMP__SUMMED, &job->sums, &head.checksum);
+        head.magic = more ? 0 : job->magic;
+        ENVSAMP_MEMCPY(job->table, &head, sizeof head);
+        return more;
+    default:
+        return job->work(job, item);
+    }
+}
+
+static envsamp_result envsamp__job_step(envsamp__job *job, int count, int *done)
+{
+    for (; count > 0 && job->result == ENVSAMP_OK && job->phase != ENVSAMP__DONE; count--)
+        if (!envsamp__job_item(job, job->next++)) {
+            job->phase = (envsamp__phase)(job->phase + 1);
+            job->next = 0;
+        }
+    if (done)
+        *done = job->result != ENVSAMP_OK || job->phase == ENVSAMP__DONE;
+    return job->result;
+}
+
+struct envsamp_kd_job {
+    envsamp__job base;
     envsamp__tree tree;
     envsamp_kd_desc desc;
-    envsamp_kd *kd;
-    envsamp_result result;
-    envsamp__kd_phase phase;
-    int next, level;                /* the item of the phase; LEVELS: of this level */
-    int block_limit;
+    int level, block_limit;         /* PYRAMID: the level that is made */
     envsamp__warp_writer writer;
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
-    uint32_t *order, *place;        /* order[place[block]] = block */
+    uint32_t *order, *rank;         /* order[rank[block]] = block */
     uint32_t *draws, *stack;        /* ALIAS */
     envsamp_buffer lm_scratch;
 };
@@ -4414,13 +4556,10 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     uint64_t count = cells < (uint64_t)desc->block_count ? cells : (uint64_t)desc->block_count;
     envsamp__tree *tree = &job->tree;
 
-    ENVSAMP_MEMSET(job, 0, sizeof *job);
-    envsamp__take(arena, 1, sizeof *job);
+    envsamp__job_carve(&job->base, sizeof *job, image, bilinear, desc->mis_compensation, 0, arena);
     job->desc = *desc;
     job->block_limit = (int)count;
-    envsamp__source_carve(&job->source, image, bilinear, desc->mis_compensation, arena);
-    envsamp__map_carve(&job->map, image, bilinear, 0, arena);
-    tree->map = &job->map;
+    tree->map = &job->base.map;
     tree->criterion = desc->criterion;
     tree->depth_limit = desc->select == ENVSAMP_KD_WARP ? ENVSAMP__WARP_DEPTH : INT_MAX;
     tree->fine_bits = bilinear ? ENVSAMP__FINE_BITS : 0;
@@ -4430,21 +4569,20 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     tree->columns = ENVSAMP__TAKE(envsamp__profile, arena, 1);
     tree->rows = ENVSAMP__TAKE(envsamp__profile, arena, 1);
     job->writer.stack = ENVSAMP__TAKE(envsamp__part, arena, ENVSAMP__WARP_DEPTH + 2);
-    job->probability = (double *)envsamp__take(arena, count, sizeof(double));
-    job->order = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
-    job->place = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
+    job->probability = ENVSAMP__TAKE(double, arena, count);
+    job->order = ENVSAMP__TAKE(uint32_t, arena, count);
+    job->rank = ENVSAMP__TAKE(uint32_t, arena, count);
     if (desc->select == ENVSAMP_KD_ALIAS) {
-        job->draws = (uint32_t *)envsamp__take(arena, count, sizeof(uint32_t));
-        job->stack = (uint32_t *)envsamp__take(arena, 1u << envsamp__bits((uint32_t)count),
-                                               sizeof(uint32_t));
+        job->draws = ENVSAMP__TAKE(uint32_t, arena, count);
+        job->stack = ENVSAMP__TAKE(uint32_t, arena, 1u << envsamp__bits((uint32_t)count));
     } else if (desc->select == ENVSAMP_KD_FIT) {
         envsamp_lm_desc lm = { 2, 0, 0, 0.0, 0.0, 0.0 };
 
         lm.residual_count = envsamp__max_int((int)count, 2);
-        job->target = (double *)envsamp__take(arena, count, sizeof(double));
-        job->weight = (double *)envsamp__take(arena, count + 1, sizeof(double));
+        job->target = ENVSAMP__TAKE(double, arena, count);
+        job->weight = ENVSAMP__TAKE(double, arena, count + 1);
         job->lm_scratch.bytes = envsamp_lm_scratch_bytes(&lm);
-        job->lm_scratch.data = envsamp__take(arena, job->lm_scratch.bytes, 1);
+        job->lm_scratch.data = ENVSAMP__TAKE(char, arena, job->lm_scratch.bytes);
     }
 }
 
@@ -4459,27 +4597,24 @@ static int envsamp__kd_desc_valid(const envsamp_kd_desc *desc)
         && envsamp__is_zero(desc->excess_target) && envsamp__is_zero(desc->importance_exponent);
 }
 
-static void envsamp__choose_alias(envsamp_kd_job *job)
+static void envsamp__choose_alias(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__tree *tree = &job->tree;
     int i;
 
     for (i = 0; i < tree->block_count; i++) {
-        const envsamp__block *b = &tree->blocks[i];
-
-        job->order[i] = job->place[i] = (uint32_t)i;
-        job->probability[i] = envsamp__block_q(b);
+        job->order[i] = job->rank[i] = (uint32_t)i;
+        job->probability[i] = envsamp__block_q(&tree->blocks[i]);
     }
     envsamp__round_draws(job->probability, tree->block_count, job->draws);
     for (i = 0; i < tree->block_count; i++)
         job->probability[i] = (double)job->draws[i] / (double)ENVSAMP__UNIT;
-    job->kd->drawn_count = (uint32_t)tree->block_count;
+    kd->drawn_count = (uint32_t)tree->block_count;
 }
 
-static void envsamp__choose_fit(envsamp_kd_job *job)
+static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__tree *tree = &job->tree;
-    envsamp_kd *kd = job->kd;
     envsamp__fit fit = { job->desc.model, job->desc.objective, 0, job->target, job->weight,
                          job->lm_scratch };
     envsamp__fit_point best;
@@ -4496,7 +4631,7 @@ static void envsamp__choose_fit(envsamp_kd_job *job)
     }
     envsamp__sort_descending(key, job->order, tree->block_count);
     for (i = 0; i < tree->block_count; i++) {
-        job->place[job->order[i]] = (uint32_t)i;
+        job->rank[job->order[i]] = (uint32_t)i;
         job->target[i] = key[job->order[i]] / total;
     }
     best = envsamp__fit_solve(&fit);
@@ -4511,7 +4646,7 @@ static void envsamp__choose_fit(envsamp_kd_job *job)
         double high = i < fit.count ? envsamp__model_g(gamma, (double)(i + 1) / kd->alpha) : low;
 
         key[job->order[i]] = (high - low) / kd->fit_total;
-        error = tree->blocks[job->order[i]].whole.sum / job->map.integral - key[job->order[i]];
+        error = tree->blocks[job->order[i]].whole.sum / tree->map->integral - key[job->order[i]];
         kd->l1 += error < 0.0 ? -error : error;
         low = high;
     }
@@ -4526,65 +4661,61 @@ static double envsamp__excess(double second, double integral)
 /* Bounds and densities in the order of the table, and what the blocks cost together. */
 static void envsamp__write_blocks(const envsamp_kd_job *job, envsamp_kd *kd)
 {
-    envsamp__edges *edges = (envsamp__edges *)(void *)((char *)kd + kd->edges_at);
-    float *pdf = (float *)(void *)((char *)kd + kd->pdf_at);
-    double second = 0.0, integral = job->map.integral;
+    const envsamp__map *map = &job->base.map;
+    envsamp__edges *edges = ENVSAMP__ARRAY_OUT(envsamp__edges, kd, edges);
+    float *pdf = ENVSAMP__ARRAY_OUT(float, kd, pdf);
+    double second = 0.0;
     uint32_t i;
 
     for (i = 0; i < kd->block_count; i++) {
         const envsamp__block *b = &job->tree.blocks[job->order[i]];
         double probability = job->probability[job->order[i]], sr;
 
-        edges[i].x0 = envsamp__edge_x(&job->map, b->rect.x0);
-        edges[i].x1 = envsamp__edge_x(&job->map, b->rect.x1);
-        edges[i].y0 = envsamp__edge_y(&job->map, b->rect.y0);
-        edges[i].y1 = envsamp__edge_y(&job->map, b->rect.y1);
+        edges[i].x0 = envsamp__edge_x(map, b->rect.x0);
+        edges[i].x1 = envsamp__edge_x(map, b->rect.x1);
+        edges[i].y0 = envsamp__edge_y(map, b->rect.y0);
+        edges[i].y1 = envsamp__edge_y(map, b->rect.y1);
         sr = envsamp__edges_sr(kd->mapping, &edges[i]);
-        pdf[i] = probability > 0.0 ? (float)(probability / sr) : 0.0f;   /* -0 would be a link */
-        if (probability > 0.0 && pdf[i] < FLT_MIN) {
-            pdf[i] = FLT_MIN;           /* a steep fit: lit, so not zero */
-            probability = (double)FLT_MIN * sr;
-        }
+        pdf[i] = 0.0f;                              /* not -0, which would be a link */
         if (probability > 0.0) {
-            double ratio = (double)b->whole.peak * sr / (probability * integral);
-
+            pdf[i] = (float)(probability / sr);
+            if (pdf[i] < FLT_MIN) {                 /* a steep fit: lit, so not zero */
+                pdf[i] = FLT_MIN;
+                probability = (double)FLT_MIN * sr;
+            }
             second += sr * b->whole.square / probability;
-            kd->max_ratio = envsamp__max(kd->max_ratio, ratio);
+            kd->max_ratio = envsamp__max(kd->max_ratio, (double)b->whole.peak * sr
+                                                      / (probability * map->integral));
         }
     }
-    kd->excess_variance = envsamp__excess(second, integral);
+    kd->excess_variance = envsamp__excess(second, map->integral);
 }
 
 /* ALIAS and FIT: blocks, chosen by number. */
-static void envsamp__write_listed(envsamp_kd_job *job)
+static void envsamp__write_indexed(envsamp_kd_job *job, envsamp_kd *kd)
 {
-    envsamp_kd *kd = job->kd;
-    char *base = (char *)kd;
-
     envsamp__kd_layout(kd);
     envsamp__write_blocks(job, kd);
     if (kd->select == ENVSAMP_KD_ALIAS)
         envsamp__alias_build(job->draws, job->tree.block_count, (int)kd->alias_shift,
-                             (uint32_t *)(void *)(base + kd->alias_at), job->stack);
-    envsamp__write_nodes(kd, &job->tree, job->place,
-                         (envsamp__node *)(void *)(base + kd->nodes_at));
+                             ENVSAMP__ARRAY_OUT(uint32_t, kd, alias), job->stack);
+    envsamp__write_nodes(kd, &job->tree, job->rank, ENVSAMP__ARRAY_OUT(envsamp__node, kd, nodes));
     job->writer.root = kd->block_count > 1 ? ENVSAMP__INNER
                      : envsamp__float_bits(*ENVSAMP__ARRAY(float, kd, pdf));
 }
 
 /* WARP: one more tile. Where the unit square had no room for some cuts, all tiles once more, with
    the blocks that there are. Returns 0 when all are written. */
-static int envsamp__write_warped(envsamp_kd_job *job, int tile)
+static int envsamp__write_warped(envsamp_kd_job *job, envsamp_kd *kd, int tile)
 {
-    envsamp_kd *kd = job->kd;
     envsamp__warp_writer *w = &job->writer;
     int tiles = 1 << job->tree.tile_bits;
 
     if (tile == 0) {
         kd->block_count = kd->drawn_count = w->leaf_count;
         envsamp__kd_layout(kd);
-        w->warp = (envsamp__warp *)(void *)((char *)kd + kd->warp_at);
-        w->nodes = (envsamp__node *)(void *)((char *)kd + kd->nodes_at) + (tiles - 1);
+        w->warp = ENVSAMP__ARRAY_OUT(envsamp__warp, kd, warp);
+        w->nodes = ENVSAMP__ARRAY_OUT(envsamp__node, kd, nodes) + (tiles - 1);
         w->warp_count = w->leaf_count = 0;
         w->second = w->max_ratio = 0.0;
         w->root = ENVSAMP__INNER;
@@ -4592,28 +4723,28 @@ static int envsamp__write_warped(envsamp_kd_job *job, int tile)
     envsamp__warp_tile(w, (uint32_t)tile);
     if (tile + 1 < tiles)
         return 1;
-    kd->excess_variance = envsamp__excess(w->second, job->map.integral);
+    kd->excess_variance = envsamp__excess(w->second, job->base.map.integral);
     kd->max_ratio = w->max_ratio;
-    job->next = 0;
+    job->base.next = 0;
     return w->leaf_count != kd->block_count;
 }
 
 /* How often blocks are drawn. */
-static void envsamp__choose(envsamp_kd_job *job)
+static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
 {
+    const envsamp__source *source = &job->base.source;
     const envsamp__tree *tree = &job->tree;
     double *q = job->probability;
-    envsamp_kd *kd = job->kd;
     int i;
 
-    kd->integral = job->source.compensation > 0.0f ? job->source.integral : job->map.integral;
-    kd->mis_compensation = job->source.compensation;
-    kd->bad_pixel_count = job->source.bad_pixel_count;
-    kd->block_count = (uint32_t)job->tree.block_count;
+    kd->integral = source->compensation > 0.0f ? source->integral : tree->map->integral;
+    kd->mis_compensation = source->compensation;
+    kd->bad_pixel_count = source->bad_pixel_count;
+    kd->block_count = (uint32_t)tree->block_count;
     if (kd->select == ENVSAMP_KD_ALIAS) {
-        envsamp__choose_alias(job);
+        envsamp__choose_alias(job, kd);
     } else if (kd->select == ENVSAMP_KD_FIT) {
-        envsamp__choose_fit(job);
+        envsamp__choose_fit(job, kd);
     } else {
         job->writer.tree = tree;
         job->writer.q = q;
@@ -4678,162 +4809,132 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
 
+/* Makes row `item` of the level of the pyramid that is being made. */
+static int envsamp__pyramid_row(envsamp_kd_job *job, int item)
+{
+    envsamp__map *map = &job->base.map;
+    envsamp__level *level = &map->levels[job->level];
+    int x;
+
+    if (job->level >= map->level_count)
+        return 0;
+    for (x = 0; x < level->width; x++)
+        level->cells[(size_t)item * (size_t)level->width + (size_t)x] =
+            envsamp__merge_cells(map, level - 1, x, item);
+    if (item + 1 == level->height) {
+        job->level++;
+        job->base.next = 0;
+    }
+    return 1;
+}
+
+/* Items that make the pyramid and cut the map into blocks. Returns 0 at the end of a phase. */
+static int envsamp__kd_split(envsamp_kd_job *job, int item)
+{
+    envsamp__map *map = &job->base.map;
+    envsamp__tree *tree = &job->tree;
+    int warp = job->desc.select == ENVSAMP_KD_WARP;
+
+    switch (job->base.phase) {
+    case ENVSAMP__ROWS:
+        job->base.result = envsamp__map_row(map, &job->base.source, item);
+        if (item + 1 < map->image_height)
+            return 1;
+        if (job->base.result == ENVSAMP_OK && !(map->integral > 0.0))
+            job->base.result = ENVSAMP_ERR_BLACK;
+        job->level = 2;
+        return 0;
+    case ENVSAMP__PYRAMID:
+        return envsamp__pyramid_row(job, item);
+    case ENVSAMP__CROWN:
+        if (item == 0)
+            envsamp__crown_begin(tree, warp ? envsamp__most_tile_bits(job->block_limit) : 0);
+        return envsamp__crown_grow(tree);
+    case ENVSAMP__TILES:
+        envsamp__find_split(tree, &tree->blocks[item]);
+        envsamp__heap_push(tree, envsamp__priority(tree, &tree->blocks[item]), (uint32_t)item);
+        return item + 1 < tree->block_count;
+    case ENVSAMP__SPLITS:
+        return envsamp__grow(tree, job->block_limit);
+    default:
+        if (!warp && !tree->fine_bits)
+            return 0;
+        if (warp || envsamp__block_level(map, &tree->blocks[item].rect) == 0)
+            envsamp__exact_moments(tree, item);     /* else no cell was cut */
+        return item + 1 < tree->block_count;
+    }
+}
+
+static int envsamp__kd_work(envsamp__job *base, int item)
+{
+    envsamp_kd_job *job = (envsamp_kd_job *)(void *)base;
+    envsamp_kd *kd = (envsamp_kd *)base->table;
+    uint32_t rows, high;
+
+    switch (base->phase) {
+    case ENVSAMP__PROBABILITIES:
+        envsamp__choose(job, kd);
+        return 0;
+    case ENVSAMP__WRITE:
+        if (kd->select == ENVSAMP_KD_WARP)
+            return envsamp__write_warped(job, kd, item);
+        envsamp__write_indexed(job, kd);
+        return 0;
+    case ENVSAMP__GRID:
+        rows = 1u << kd->grid_bits_y;
+        high = rows < 8 ? rows : 8;
+        envsamp__write_grid(kd, job->writer.root, (uint32_t)item * high,
+                            (uint32_t)(item + 1) * high, ENVSAMP__ARRAY_OUT(uint32_t, kd, grid));
+        if ((uint32_t)(item + 1) * high < rows)
+            return 1;
+        ENVSAMP_MEMSET((char *)kd + kd->grid_at - sizeof(envsamp__node), 0, sizeof(envsamp__node));
+        return 0;
+    default:
+        return envsamp__kd_split(job, item);
+    }
+}
+
 ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_row_fn fn,
                                             void *user, const envsamp_kd_desc *desc,
                                             envsamp_buffer table, envsamp_buffer scratch,
                                             envsamp_kd_job **job)
 {
     envsamp_kd_desc filled = envsamp__kd_filled(desc);
-    envsamp__arena arena = { NULL, 0 };
+    envsamp__arena arena = { (char *)scratch.data, 0 };
     envsamp_sizes sizes;
     envsamp_result result;
-    envsamp_kd_job *work = (envsamp_kd_job *)scratch.data;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
     *job = NULL;
     result = envsamp_kd_sizes(image, &filled, &sizes);
-    if (result == ENVSAMP_OK && !fn)
-        result = envsamp__floats_check(image->pixels);
     if (result == ENVSAMP_OK)
-        result = envsamp__buffers_check(&sizes, table, scratch);
+        result = envsamp__job_check(image, fn, &sizes, table, scratch);
     if (result != ENVSAMP_OK)
         return result;
-    arena.base = (char *)scratch.data;
-    envsamp__kd_carve(work, image, &filled, &arena);
-    work->kd = (envsamp_kd *)table.data;
-    envsamp__kd_head(work->kd, image, &filled);
-    work->phase = envsamp__source_begin(&work->source, &work->map, fn, user, filled.strict)
-                ? ENVSAMP__DO_SURVEY : ENVSAMP__DO_ROWS;
-    *job = work;
+    *job = (envsamp_kd_job *)scratch.data;
+    envsamp__kd_carve(*job, image, &filled, &arena);
+    envsamp__kd_head((envsamp_kd *)table.data, image, &filled);
+    envsamp__job_start(&(*job)->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user,
+                       filled.strict);
     return ENVSAMP_OK;
-}
-
-/* Items that read the image and make the pyramid. Returns 0 at the end of a phase. */
-static int envsamp__kd_read(envsamp_kd_job *job, int item)
-{
-    envsamp__map *map = &job->map;
-    envsamp__level *level;
-    int x;
-
-    switch (job->phase) {
-    case ENVSAMP__DO_SURVEY:
-        job->result = envsamp__survey_row(&job->source, map, item, map->knots);
-        if (item + 1 < map->image_height)
-            return 1;
-        envsamp__survey_end(&job->source, map);
-        return 0;
-    case ENVSAMP__DO_ROWS:
-        job->result = envsamp__map_row(map, &job->source, item);
-        if (item + 1 < map->image_height)
-            return 1;
-        if (job->result == ENVSAMP_OK && !(map->integral > 0.0))
-            job->result = ENVSAMP_ERR_BLACK;
-        job->level = 2;
-        return 0;
-    default:
-        if (job->level >= map->level_count)
-            return 0;
-        level = &map->levels[job->level];
-        for (x = 0; x < level->width; x++)
-            level->cells[(size_t)item * (size_t)level->width + (size_t)x] =
-                envsamp__merge_cells(map, level - 1, x, item);
-        if (item + 1 == level->height) {
-            job->level++;
-            job->next = 0;
-        }
-        return 1;
-    }
-}
-
-/* Items that cut the map into blocks. Returns 0 at the end of a phase. */
-static int envsamp__kd_split(envsamp_kd_job *job, int item)
-{
-    envsamp__tree *tree = &job->tree;
-    int warp = job->desc.select == ENVSAMP_KD_WARP;
-
-    switch (job->phase) {
-    case ENVSAMP__DO_CROWN:
-        if (item == 0)
-            envsamp__crown_begin(tree, warp ? envsamp__most_tile_bits(job->block_limit) : 0);
-        return envsamp__crown_grow(tree);
-    case ENVSAMP__DO_TILES:
-        envsamp__find_split(tree, &tree->blocks[item]);
-        envsamp__heap_push(tree, envsamp__priority(tree, &tree->blocks[item]), (uint32_t)item);
-        return item + 1 < tree->block_count;
-    case ENVSAMP__DO_SPLITS:
-        return envsamp__grow(tree, job->block_limit);
-    default:
-        if (!warp && !tree->fine_bits)
-            return 0;
-        if (warp || envsamp__block_level(&job->map, &tree->blocks[item].rect) == 0)
-            envsamp__exact_moments(tree, item);     /* else no cell was cut */
-        return item + 1 < tree->block_count;
-    }
-}
-
-/* Items that write the table. Returns 0 at the end of a phase. */
-static int envsamp__kd_write(envsamp_kd_job *job, int item)
-{
-    envsamp_kd *kd = job->kd;
-    uint32_t rows, high;
-
-    switch (job->phase) {
-    case ENVSAMP__DO_PROBABILITIES:
-        envsamp__choose(job);
-        return 0;
-    case ENVSAMP__DO_WRITE:
-        if (kd->select == ENVSAMP_KD_WARP)
-            return envsamp__write_warped(job, item);
-        envsamp__write_listed(job);
-        return 0;
-    case ENVSAMP__DO_GRID:
-        rows = 1u << kd->grid_bits_y;
-        high = rows < 8 ? rows : 8;
-        envsamp__write_grid(kd, job->writer.root, (uint32_t)item * high,
-                            (uint32_t)(item + 1) * high,
-                            (uint32_t *)(void *)((char *)kd + kd->grid_at));
-        return (uint32_t)(item + 1) * high < rows;
-    default:
-        ENVSAMP_MEMSET((char *)kd + kd->grid_at - sizeof(envsamp__node), 0, sizeof(envsamp__node));
-        kd->checksum = envsamp__checksum(kd);
-        kd->magic = ENVSAMP__KD_MAGIC;
-        return 0;
-    }
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_step(envsamp_kd_job *job, int count, int *done)
 {
-    if (!job)
-        return ENVSAMP_ERR_NULL;
-    for (; count > 0 && job->result == ENVSAMP_OK && job->phase != ENVSAMP__DO_NOTHING; count--) {
-        int item = job->next++;
-        int more = job->phase < ENVSAMP__DO_CROWN ? envsamp__kd_read(job, item)
-                 : job->phase < ENVSAMP__DO_PROBABILITIES ? envsamp__kd_split(job, item)
-                 : envsamp__kd_write(job, item);
-
-        if (!more) {
-            job->phase = (envsamp__kd_phase)(job->phase + 1);
-            job->next = 0;
-        }
-    }
-    if (done)
-        *done = job->result != ENVSAMP_OK || job->phase == ENVSAMP__DO_NOTHING;
-    return job->result;
+    return job ? envsamp__job_step(&job->base, count, done) : ENVSAMP_ERR_NULL;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_finish(envsamp_kd_job *job, const envsamp_kd **kd)
 {
-    envsamp_result result = ENVSAMP_OK;
-    int done = 0;
+    envsamp_result result;
 
     if (!kd)
         return ENVSAMP_ERR_NULL;
     *kd = NULL;
-    while (result == ENVSAMP_OK && !done)
-        result = envsamp_kd_step(job, INT_MAX, &done);
+    result = envsamp_kd_step(job, INT_MAX, NULL);
     if (result == ENVSAMP_OK)
-        *kd = job->kd;
+        *kd = (const envsamp_kd *)job->base.table;
     return result;
 }
 
@@ -4853,19 +4954,16 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
 
 /* ---- opening ---- */
 
-/* Whether a header describes a table of `bytes` with its arrays where they belong. */
-static int envsamp__kd_header_valid(const envsamp_kd *kd, size_t bytes)
+/* Whether a header describes a table with its arrays where they belong. */
+static int envsamp__kd_header_valid(const envsamp_kd *kd)
 {
     envsamp_kd layout;
 
-    if (bytes < sizeof *kd || kd->magic != ENVSAMP__KD_MAGIC
-        || kd->version != ENVSAMP__KD_VERSION || kd->bytes > bytes
-        || kd->select > ENVSAMP_KD_FIT || kd->tile_bits_x > 10 || kd->tile_bits_y > 10
+    if (kd->select > ENVSAMP_KD_FIT || kd->tile_bits_x > 10 || kd->tile_bits_y > 10
         || (kd->select != ENVSAMP_KD_WARP && kd->tile_bits_x + kd->tile_bits_y > 0)
         || kd->block_count >> (kd->tile_bits_x + kd->tile_bits_y) < 1
         || kd->model > ENVSAMP_KD_POWER || kd->criterion > ENVSAMP_KD_RANGE
-        || kd->mapping > ENVSAMP_OCTAHEDRAL || kd->bilinear > 1
-        || !envsamp__in_range(kd->mis_compensation, 0.0f, 1.0f)
+        || kd->bilinear > 1 || !envsamp__in_range(kd->mis_compensation, 0.0f, 1.0f)
         || kd->width < 1 || kd->width > 65535 || kd->height < 1 || kd->height > 65535
         || kd->block_count > 1048576
         || kd->drawn_count < 1 || kd->drawn_count > kd->block_count)
@@ -5008,15 +5106,16 @@ static int envsamp__kd_warp_valid(const envsamp_kd *kd)
 ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, const envsamp_kd **kd)
 {
     const envsamp_kd *header = (const envsamp_kd *)table;
+    envsamp_result result;
 
     if (!kd)
         return ENVSAMP_ERR_NULL;
     *kd = NULL;
-    if (!table)
-        return ENVSAMP_ERR_NULL;
-    if ((uintptr_t)table % ENVSAMP_ALIGN)
-        return ENVSAMP_ERR_ALIGN;
-    if (!envsamp__kd_header_valid(header, bytes) || header->checksum != envsamp__checksum(header)
+    result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__KD_MAGIC,
+                                  ENVSAMP__KD_VERSION);
+    if (result != ENVSAMP_OK)
+        return result;
+    if (!envsamp__kd_header_valid(header)
         || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
         || (header->select == ENVSAMP_KD_ALIAS && !envsamp__kd_alias_valid(header))
         || !(header->select == ENVSAMP_KD_WARP ? envsamp__kd_warp_valid(header)
@@ -5030,7 +5129,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, cons
 ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd)
 {
     ENVSAMP_ASSERT(kd);
-    return kd->bytes;
+    return (size_t)kd->bytes;
 }
 
 /* ============================================================================================
@@ -5618,16 +5717,14 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  * ========================================================================================== */
 
 #define ENVSAMP__CDF_MAGIC 0x434b5345u      /* "ESKC" in memory */
-#define ENVSAMP__CDF_VERSION 3u
+#define ENVSAMP__CDF_VERSION 4u
 #define ENVSAMP__PARTS 0x1000000u           /* 2^24 */
 #define ENVSAMP__WALK 4                     /* edges compared without a branch */
-#define ENVSAMP__CDF_SUMMED 131072          /* bytes of the checksum in one step */
 
 typedef struct envsamp__cdf_row { float north, south, polar, density; } envsamp__cdf_row;
 
 struct envsamp_cdf {
-    uint32_t magic, version, checksum;      /* checksum: of all that follows it */
-    uint32_t mapping;                       /* byte 12: as numbered in its enum */
+    uint32_t magic, version, checksum, mapping;     /* as every table: see envsamp__table */
     uint64_t bytes;                         /* 16 */
     uint32_t width, height;                 /* 24: of the cells: 1 more each if bilinear */
     uint32_t row_bits, polar_bits, guide_bits;                          /* 32 */
@@ -5647,26 +5744,13 @@ struct envsamp_cdf {
 
 typedef char envsamp__cdf_is_packed[sizeof(envsamp_cdf) == 160 ? 1 : -1];
 
-/* Arrays of the table. */
-ENVSAMP__HOT const envsamp__cdf_row *envsamp__cdf_rows(const envsamp_cdf *cdf)
-{
-    return (const envsamp__cdf_row *)(const void *)((const char *)cdf + cdf->rows_at);
-}
-ENVSAMP__HOT const uint16_t *envsamp__cdf_halves(const envsamp_cdf *cdf, uint64_t at)
-{
-    return (const uint16_t *)(const void *)((const char *)cdf + at);
-}
-ENVSAMP__HOT const uint32_t *envsamp__cdf_edges(const envsamp_cdf *cdf, uint32_t row)
-{
-    return ENVSAMP__ARRAY(uint32_t, cdf, edges)
-         + (size_t)row * ((size_t)cdf->width + ENVSAMP__WALK);
-}
-ENVSAMP__HOT const uint16_t *envsamp__cdf_guide(const envsamp_cdf *cdf, uint32_t row)
-{
-    return envsamp__cdf_halves(cdf, cdf->guide_at) + ((size_t)row << cdf->guide_bits);
-}
+/* The edges and the guide of a row. */
+#define ENVSAMP__CDF_EDGES(array, cdf, row) \
+    (array(uint32_t, cdf, edges) + (size_t)(row) * ((size_t)(cdf)->width + ENVSAMP__WALK))
+#define ENVSAMP__CDF_GUIDE(array, cdf, row) \
+    (array(uint16_t, cdf, guide) + ((size_t)(row) << (cdf)->guide_bits))
 
-/* The upper edge of a row as a kd table has it. */
+/* The upper edge of a row as kd tables have it. */
 ENVSAMP__MATH float envsamp__cdf_row_edge(const envsamp__cdf_row *row)
 {
     return row->north <= row->south ? row->north : envsamp__with_sign(row->south, 1);
@@ -5694,85 +5778,32 @@ static void envsamp__cdf_layout(envsamp_cdf *cdf)
     cdf->bytes = end;
 }
 
-/* Four sums, whose multiplications overlap. */
-typedef struct envsamp__cdf_sums { uint32_t sum[4]; uint64_t at; } envsamp__cdf_sums;
-
-static envsamp__cdf_sums envsamp__cdf_sums_begin(const envsamp_cdf *cdf)
-{
-    envsamp__cdf_sums s = { { 2166136261u, 1, 2, 3 ^ cdf->mapping }, offsetof(envsamp_cdf, bytes) };
-
-    return s;                               /* the rest is whole groups of four */
-}
-
-/* Adds some more of a table. Returns 0 when all of it is in. */
-static int envsamp__cdf_sums_add(const envsamp_cdf *cdf, uint64_t bytes, envsamp__cdf_sums *s)
-{
-    const unsigned char *byte = (const unsigned char *)cdf;
-    uint64_t end = cdf->bytes - s->at < bytes ? cdf->bytes : s->at + bytes;
-    uint32_t bits;
-    int k;
-
-    for (; s->at < end; s->at += 16)
-        for (k = 0; k < 4; k++) {
-            ENVSAMP_MEMCPY(&bits, byte + s->at + 4 * k, 4);
-            s->sum[k] = (s->sum[k] ^ bits) * 16777619u;
-            s->sum[k] ^= s->sum[k] >> 15;
-        }
-    return s->at < cdf->bytes;
-}
-
-static uint32_t envsamp__cdf_sums_end(const envsamp__cdf_sums *s)
-{
-    uint32_t sum = 2166136261u;
-    int k;
-
-    for (k = 0; k < 4; k++) {
-        sum = (sum ^ s->sum[k]) * 16777619u;
-        sum ^= sum >> 15;
-    }
-    return sum;
-}
-
-static uint32_t envsamp__cdf_checksum(const envsamp_cdf *cdf)
-{
-    envsamp__cdf_sums s = envsamp__cdf_sums_begin(cdf);
-
-    envsamp__cdf_sums_add(cdf, cdf->bytes, &s);
-    return envsamp__cdf_sums_end(&s);
-}
-
 /* ---- building ---- */
 
 struct envsamp_cdf_job {
-    envsamp__source source;
-    envsamp__map map;               /* without its pyramid; two lines of knots, or one of texels */
-    envsamp_cdf *cdf;
-    envsamp_result result;
-    int survey, next, done;         /* the next row, of the survey or of cells */
-    envsamp__cdf_sums sums;         /* of the finished table */
+    envsamp__job base;              /* its map: no pyramid; two lines of knots, or one of texels */
     double *weight;                 /* of each cell of a row: root mean square x solid angle */
     double *cell_square;            /* of each cell of a row, in units of its width, and its */
     float *cell_max;                /* maximum */
     double *mass;                   /* of each row */
-    double *square, *peak;           /* of each row: sum of L L / parts, largest L / parts */
+    double *square, *peak;          /* of each row: sum of L L / parts, largest L / parts */
 };
 
 static void envsamp__cdf_carve(envsamp_cdf_job *job, const envsamp_image *image,
                                const envsamp_cdf_desc *desc, envsamp__arena *arena)
 {
     int bilinear = !desc->nearest;
-    uint64_t rows = (uint64_t)image->height + (uint64_t)bilinear;
+    uint64_t width = (uint64_t)image->width + (uint64_t)bilinear;
+    uint64_t height = (uint64_t)image->height + (uint64_t)bilinear;
 
-    ENVSAMP_MEMSET(job, 0, sizeof *job);
-    envsamp__take(arena, 1, sizeof *job);
-    envsamp__source_carve(&job->source, image, bilinear, desc->mis_compensation, arena);
-    envsamp__map_carve(&job->map, image, bilinear, bilinear ? 2 : 1, arena);
-    job->weight = ENVSAMP__TAKE(double, arena, job->map.width);
-    job->cell_square = ENVSAMP__TAKE(double, arena, job->map.width);
-    job->cell_max = ENVSAMP__TAKE(float, arena, job->map.width);
-    job->mass = ENVSAMP__TAKE(double, arena, rows);
-    job->square = ENVSAMP__TAKE(double, arena, rows);
-    job->peak = ENVSAMP__TAKE(double, arena, rows);
+    envsamp__job_carve(&job->base, sizeof *job, image, bilinear, desc->mis_compensation,
+                       bilinear ? 2 : 1, arena);
+    job->weight = ENVSAMP__TAKE(double, arena, width);
+    job->cell_square = ENVSAMP__TAKE(double, arena, width);
+    job->cell_max = ENVSAMP__TAKE(float, arena, width);
+    job->mass = ENVSAMP__TAKE(double, arena, height);
+    job->square = ENVSAMP__TAKE(double, arena, height);
+    job->peak = ENVSAMP__TAKE(double, arena, height);
 }
 
 /* Arrays end where the next one begins, but for a gap: nothing in a table is left to chance. */
@@ -5826,7 +5857,7 @@ static void envsamp__cdf_write_guide(const uint32_t *edges, uint32_t bits, uint1
 /* What the cells of a row are drawn in proportion to, and what they will cost. */
 static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y)
 {
-    envsamp__map *map = &job->map;
+    envsamp__map *map = &job->base.map;
     const envsamp__row_part *part = &map->rows[y];
     envsamp__rect all = envsamp__whole_map(map);
     double sum = 0.0;
@@ -5856,11 +5887,9 @@ static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y)
 /* Row y of cells, whose knots are in memory. */
 static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
 {
-    envsamp_cdf *cdf = job->cdf;
-    uint32_t *edges = (uint32_t *)(void *)((char *)cdf + cdf->edges_at)
-                    + (size_t)y * ((size_t)cdf->width + ENVSAMP__WALK);
-    uint16_t *guide = (uint16_t *)(void *)((char *)cdf + cdf->guide_at)
-                    + ((size_t)y << cdf->guide_bits);
+    envsamp_cdf *cdf = (envsamp_cdf *)job->base.table;
+    uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY_OUT, cdf, y);
+    uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y);
     double square = 0.0, peak = 0.0;
     uint32_t x;
 
@@ -5887,18 +5916,29 @@ static double envsamp__cdf_row_density(const uint32_t *row_edge, double sr)
     return (double)(row_edge[1] - row_edge[0]) * unit * unit / sr;
 }
 
+/* The row that holds the beginning of a cell of the polar coordinate, from row y on. */
+static uint32_t envsamp__cdf_polar_row(const envsamp_cdf *cdf, uint32_t cell, uint32_t y)
+{
+    const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
+
+    while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
+        y++;
+    return y;
+}
+
 /* The rows, by their masses, and what all of it costs. */
 static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf)
 {
-    const envsamp__map *map = &job->map;
-    envsamp__cdf_row *rows = (envsamp__cdf_row *)(void *)((char *)cdf + cdf->rows_at);
-    uint32_t *edges = (uint32_t *)(void *)((char *)cdf + cdf->row_edges_at);
+    const envsamp__map *map = &job->base.map;
+    envsamp__cdf_row *rows = ENVSAMP__ARRAY_OUT(envsamp__cdf_row, cdf, rows);
+    uint32_t *edges = ENVSAMP__ARRAY_OUT(uint32_t, cdf, row_edges);
+    uint16_t *polar_guide = ENVSAMP__ARRAY_OUT(uint16_t, cdf, polar_guide);
     double second = 0.0, peak = 0.0;
     int height = (int)cdf->height, y;
+    uint32_t cell, row;
 
     envsamp__cdf_share(job->mass, cdf->height, edges);
-    envsamp__cdf_write_guide(edges, cdf->row_bits,
-                             (uint16_t *)(void *)((char *)cdf + cdf->row_guide_at));
+    envsamp__cdf_write_guide(edges, cdf->row_bits, ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
     for (y = 0; y <= height; y++) {
         envsamp__row edge = envsamp__edge_row(envsamp__edge_y(map, envsamp__y_edge(map, y)));
 
@@ -5917,60 +5957,54 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     }
     cdf->excess_variance = envsamp__excess(second, map->integral);
     cdf->max_ratio = peak / map->integral;
-}
-
-/* The row that holds the beginning of each cell of the polar coordinate. */
-static void envsamp__cdf_write_polar(envsamp_cdf *cdf)
-{
-    const envsamp__cdf_row *rows = envsamp__cdf_rows(cdf);
-    uint16_t *guide = (uint16_t *)(void *)((char *)cdf + cdf->polar_guide_at);
-    uint32_t cell, y = 0;
-
-    for (cell = 0; cell < 1u << cdf->polar_bits; cell++) {
-        while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
-            y++;
-        guide[cell] = (uint16_t)y;
-    }
+    for (cell = row = 0; cell < 1u << cdf->polar_bits; cell++)
+        polar_guide[cell] = (uint16_t)(row = envsamp__cdf_polar_row(cdf, cell, row));
 }
 
 /* Reads a row of texels and writes the rows of cells that are complete with it. */
 static envsamp_result envsamp__cdf_read(envsamp_cdf_job *job, int y)
 {
-    envsamp__map *map = &job->map;
+    envsamp__map *map = &job->base.map;
     float *above = map->knots, *line = above + (map->bilinear ? map->stride : 0);
-    envsamp_result result = envsamp__source_row(&job->source, y, line + map->bilinear);
+    envsamp_result result = envsamp__source_row(&job->base.source, y, line + map->bilinear);
 
     if (result != ENVSAMP_OK || !map->bilinear) {
         if (result == ENVSAMP_OK)
             envsamp__cdf_write_row(job, y);
         return result;
     }
-    envsamp__end_line(&job->source, y, line);
+    envsamp__end_line(&job->base.source, y, line);
     if (y == 0)
-        envsamp__border_line(&job->source, y, -1, line, above);
+        envsamp__border_line(&job->base.source, y, -1, line, above);
     envsamp__cdf_write_row(job, y);
     ENVSAMP_MEMCPY(above, line, map->stride * sizeof(float));
     if (y + 1 == map->image_height) {
-        envsamp__border_line(&job->source, y, map->image_height, above, line);
+        envsamp__border_line(&job->base.source, y, map->image_height, above, line);
         envsamp__cdf_write_row(job, y + 1);
     }
     return ENVSAMP_OK;
 }
 
-/* The rest of the table but for its checksum. */
-static envsamp_result envsamp__cdf_end(envsamp_cdf_job *job)
+/* Rows of texels, then the rest of the table but for its checksum. Returns 0 after that. */
+static int envsamp__cdf_work(envsamp__job *base, int item)
 {
-    envsamp_cdf *cdf = job->cdf;
+    envsamp_cdf_job *job = (envsamp_cdf_job *)(void *)base;
+    envsamp_cdf *cdf = (envsamp_cdf *)base->table;
 
-    if (!(job->map.integral > 0.0))
-        return ENVSAMP_ERR_BLACK;
+    if (item < base->map.image_height) {
+        base->result = envsamp__cdf_read(job, item);
+        return 1;
+    }
+    if (!(base->map.integral > 0.0)) {
+        base->result = ENVSAMP_ERR_BLACK;
+        return 1;
+    }
     envsamp__cdf_write_rows(job, cdf);
-    envsamp__cdf_write_polar(cdf);
-    cdf->integral = job->source.compensation > 0.0f ? job->source.integral : job->map.integral;
-    cdf->mis_compensation = job->source.compensation;
-    cdf->bad_pixel_count = job->source.bad_pixel_count;
-    job->sums = envsamp__cdf_sums_begin(cdf);
-    return ENVSAMP_OK;
+    cdf->integral = base->source.compensation > 0.0f ? base->source.integral : base->map.integral;
+    cdf->mis_compensation = base->source.compensation;
+    cdf->bad_pixel_count = base->source.bad_pixel_count;
+    base->phase = (envsamp__phase)(ENVSAMP__CHECKSUM - 1);
+    return 0;
 }
 
 ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
@@ -6020,71 +6054,44 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
                                              envsamp_cdf_job **job)
 {
     envsamp_cdf_desc defaults = envsamp_cdf_defaults();
-    envsamp__arena arena = { NULL, 0 };
+    envsamp__arena arena = { (char *)scratch.data, 0 };
+    envsamp_cdf *cdf = (envsamp_cdf *)table.data;
     envsamp_sizes sizes;
     envsamp_result result;
-    envsamp_cdf_job *work = (envsamp_cdf_job *)scratch.data;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
     *job = NULL;
     desc = desc ? desc : &defaults;
     result = envsamp_cdf_sizes(image, desc, &sizes);
-    if (result == ENVSAMP_OK && !fn)
-        result = envsamp__floats_check(image->pixels);
     if (result == ENVSAMP_OK)
-        result = envsamp__buffers_check(&sizes, table, scratch);
+        result = envsamp__job_check(image, fn, &sizes, table, scratch);
     if (result != ENVSAMP_OK)
         return result;
-    arena.base = (char *)scratch.data;
-    envsamp__cdf_carve(work, image, desc, &arena);
-    work->cdf = (envsamp_cdf *)table.data;
-    envsamp__cdf_head(work->cdf, image, desc);
-    envsamp__cdf_clear_gaps(work->cdf);
-    work->survey = envsamp__source_begin(&work->source, &work->map, fn, user, desc->strict);
-    *job = work;
+    *job = (envsamp_cdf_job *)scratch.data;
+    envsamp__cdf_carve(*job, image, desc, &arena);
+    envsamp__cdf_head(cdf, image, desc);
+    envsamp__cdf_clear_gaps(cdf);
+    envsamp__job_start(&(*job)->base, cdf, ENVSAMP__CDF_MAGIC, envsamp__cdf_work, fn, user,
+                       desc->strict);
     return ENVSAMP_OK;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_step(envsamp_cdf_job *job, int count, int *done)
 {
-    if (!job)
-        return ENVSAMP_ERR_NULL;
-    for (; count > 0 && job->result == ENVSAMP_OK && !job->done; count--) {
-        int height = job->map.image_height, y = job->next++;
-
-        if (y < height) {
-            job->result = job->survey ? envsamp__survey_row(&job->source, &job->map, y,
-                                                            job->map.knots)
-                                      : envsamp__cdf_read(job, y);
-        } else if (job->survey) {
-            envsamp__survey_end(&job->source, &job->map);
-            job->survey = job->next = 0;
-        } else if (y == height) {
-            job->result = envsamp__cdf_end(job);
-        } else if (!envsamp__cdf_sums_add(job->cdf, ENVSAMP__CDF_SUMMED, &job->sums)) {
-            job->cdf->checksum = envsamp__cdf_sums_end(&job->sums);
-            job->cdf->magic = ENVSAMP__CDF_MAGIC;
-            job->done = 1;
-        }
-    }
-    if (done)
-        *done = job->result != ENVSAMP_OK || job->done;
-    return job->result;
+    return job ? envsamp__job_step(&job->base, count, done) : ENVSAMP_ERR_NULL;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_finish(envsamp_cdf_job *job, const envsamp_cdf **cdf)
 {
-    envsamp_result result = ENVSAMP_OK;
-    int done = 0;
+    envsamp_result result;
 
     if (!cdf)
         return ENVSAMP_ERR_NULL;
     *cdf = NULL;
-    while (result == ENVSAMP_OK && !done)
-        result = envsamp_cdf_step(job, INT_MAX, &done);
+    result = envsamp_cdf_step(job, INT_MAX, NULL);
     if (result == ENVSAMP_OK)
-        *cdf = job->cdf;
+        *cdf = (const envsamp_cdf *)job->base.table;
     return result;
 }
 
@@ -6104,15 +6111,12 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
 
 /* ---- opening ---- */
 
-/* Whether a header describes a table of `bytes` with its arrays where they belong. */
-static int envsamp__cdf_header_valid(const envsamp_cdf *cdf, size_t bytes)
+/* Whether a header describes a table with its arrays where they belong. */
+static int envsamp__cdf_header_valid(const envsamp_cdf *cdf)
 {
     envsamp_cdf layout;
 
-    if (bytes < sizeof *cdf || cdf->magic != ENVSAMP__CDF_MAGIC
-        || cdf->version != ENVSAMP__CDF_VERSION || cdf->bytes > bytes
-        || cdf->mapping > ENVSAMP_OCTAHEDRAL || cdf->bilinear > 1
-        || !envsamp__in_range(cdf->mis_compensation, 0.0f, 1.0f)
+    if (cdf->bilinear > 1 || !envsamp__in_range(cdf->mis_compensation, 0.0f, 1.0f)
         || cdf->image_width < 1 || cdf->image_width > 65535
         || cdf->image_height < 1 || cdf->image_height > 65535)
         return 0;
@@ -6144,9 +6148,9 @@ static int envsamp__cdf_edges_valid(const uint32_t *edges, uint32_t count, const
 /* Rows that follow one another, with densities where they are drawn, and the guide to them. */
 static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
 {
-    const envsamp__cdf_row *rows = envsamp__cdf_rows(cdf);
+    const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
     const uint32_t *edges = ENVSAMP__ARRAY(uint32_t, cdf, row_edges);
-    const uint16_t *guide = envsamp__cdf_halves(cdf, cdf->polar_guide_at);
+    const uint16_t *guide = ENVSAMP__ARRAY(uint16_t, cdf, polar_guide);
     uint32_t y, cell;
 
     for (y = 0; y <= cdf->height; y++) {
@@ -6171,8 +6175,7 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
             return 0;                                       /* edges of low rows are rounded */
     }
     for (cell = y = 0; cell < 1u << cdf->polar_bits; cell++) {
-        while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
-            y++;
+        y = envsamp__cdf_polar_row(cdf, cell, y);
         if (guide[cell] != y)
             return 0;
     }
@@ -6183,26 +6186,25 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                             const envsamp_cdf **cdf)
 {
     const envsamp_cdf *header = (const envsamp_cdf *)table;
+    envsamp_result result;
     uint32_t y;
 
     if (!cdf)
         return ENVSAMP_ERR_NULL;
     *cdf = NULL;
-    if (!table)
-        return ENVSAMP_ERR_NULL;
-    if ((uintptr_t)table % ENVSAMP_ALIGN)
-        return ENVSAMP_ERR_ALIGN;
-    if (!envsamp__cdf_header_valid(header, bytes)
-        || header->checksum != envsamp__cdf_checksum(header)
-        || !envsamp__cdf_edges_valid(ENVSAMP__ARRAY(uint32_t, header, row_edges),
-                                     header->height,
-                                     envsamp__cdf_halves(header, header->row_guide_at),
-                                     header->row_bits)
+    result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__CDF_MAGIC,
+                                  ENVSAMP__CDF_VERSION);
+    if (result != ENVSAMP_OK)
+        return result;
+    if (!envsamp__cdf_header_valid(header)
+        || !envsamp__cdf_edges_valid(ENVSAMP__ARRAY(uint32_t, header, row_edges), header->height,
+                                     ENVSAMP__ARRAY(uint16_t, header, row_guide), header->row_bits)
         || !envsamp__cdf_rows_valid(header))
         return ENVSAMP_ERR_FORMAT;
     for (y = 0; y < header->height; y++)
-        if (!envsamp__cdf_edges_valid(envsamp__cdf_edges(header, y), header->width,
-                                      envsamp__cdf_guide(header, y), header->guide_bits))
+        if (!envsamp__cdf_edges_valid(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, header, y), header->width,
+                                      ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, header, y),
+                                      header->guide_bits))
             return ENVSAMP_ERR_FORMAT;
     *cdf = header;
     return ENVSAMP_OK;
@@ -6256,7 +6258,7 @@ ENVSAMP__HOT uint32_t envsamp__cdf_find(const uint32_t *edges, uint32_t count,
 ENVSAMP__HOT uint32_t envsamp__cdf_find_row(const envsamp_cdf *cdf, uint32_t draw)
 {
     return envsamp__cdf_find(ENVSAMP__ARRAY(uint32_t, cdf, row_edges), cdf->height,
-                             envsamp__cdf_halves(cdf, cdf->row_guide_at), cdf->row_bits, draw);
+                             ENVSAMP__ARRAY(uint16_t, cdf, row_guide), cdf->row_bits, draw);
 }
 
 /* Which of its 2^24 values a number is. */
@@ -6281,16 +6283,16 @@ ENVSAMP__HOT float envsamp__cdf_parts_pdf(const envsamp_cdf *cdf, uint32_t row, 
 {
     uint32_t half = cdf->bilinear & (uint32_t)((column == 0) | (column + 1 == cdf->width));
 
-    return (float)(int)(parts << half) * envsamp__cdf_rows(cdf)[row].density;
+    return (float)(int)(parts << half) * ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows)[row].density;
 }
 
 /* The texel of a row that a number draws. */
 ENVSAMP__HOT envsamp__texel envsamp__cdf_texel(const envsamp_cdf *cdf, uint32_t row,
                                                uint32_t across, uint32_t down)
 {
-    const uint32_t *edge = envsamp__cdf_edges(cdf, row);
-    uint32_t column = envsamp__cdf_find(edge, cdf->width, envsamp__cdf_guide(cdf, row),
-                                        cdf->guide_bits, across);
+    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row);
+    const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row);
+    uint32_t column = envsamp__cdf_find(edge, cdf->width, guide, cdf->guide_bits, across);
     envsamp__texel t;
 
     edge += column;
@@ -6304,7 +6306,7 @@ ENVSAMP__HOT envsamp__texel envsamp__cdf_texel(const envsamp_cdf *cdf, uint32_t 
 
 ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__texel t)
 {
-    const envsamp__cdf_row *row = envsamp__cdf_rows(cdf) + t.row;
+    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + t.row;
     float x0 = (float)(int)t.column - cdf->offset, x1 = x0 + 1.0f;
     float end = (float)(int)cdf->image_width;
     envsamp__point p;
@@ -6340,7 +6342,7 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
                                                 float r)
 {
     envsamp__diamond d = envsamp__place(cdf->mapping, cdf->polar_end, x, y, z, r);
-    const envsamp__cdf_row *rows = envsamp__cdf_rows(cdf);
+    const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
     uint32_t cell = (uint32_t)(int)(d.polar * cdf->polar_scale);
     float turn = cdf->mapping == ENVSAMP_OCTAHEDRAL ? 0.25f * d.azimuth
                : envsamp__turn(d.valid ? y : 0.0f, d.valid ? x : 0.0f);
@@ -6348,7 +6350,7 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
 
     /* after the turn: before it, clang makes branches of the choices in there, at twice the time */
     cell = cell < 1u << cdf->polar_bits ? cell : (1u << cdf->polar_bits) - 1;
-    at.row = envsamp__cdf_halves(cdf, cdf->polar_guide_at)[cell];
+    at.row = ENVSAMP__ARRAY(uint16_t, cdf, polar_guide)[cell];
     while (at.row + 1 < cdf->height && d.polar >= rows[at.row + 1].polar)
         at.row++;
     at.column = envsamp__index(turn * (float)(int)cdf->image_width + cdf->offset, cdf->width);
@@ -6358,7 +6360,7 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
 
 ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_place at)
 {
-    const uint32_t *edge = envsamp__cdf_edges(cdf, at.row) + at.column;
+    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
 
     return at.valid ? envsamp__cdf_parts_pdf(cdf, at.row, at.column, edge[1] - edge[0]) : 0.0f;
 }
@@ -6398,8 +6400,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
     if (!(envsamp__cdf_density(cdf, at) > 0.0f))
         return 0;
     e = envsamp__exact_place(cdf->mapping, dir);
-    row = envsamp__cdf_rows(cdf) + at.row;
-    edge = envsamp__cdf_edges(cdf, at.row) + at.column;
+    row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
+    edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
     row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row;
     x0 = envsamp__max((double)at.column - (double)cdf->offset, 0.0);
     x1 = envsamp__min_double((double)at.column + 1.0 - (double)cdf->offset,
@@ -6412,49 +6414,43 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
 
 /* ---- many at a time ---- */
 
-/* The rows of n draws, and on its way into the cache what finding their texels will read: first all
-   cells of the guides, then all edges. One sample at a time waits for both. */
-ENVSAMP__HOT void envsamp__cdf_fetch_batch(const envsamp_cdf *cdf, int n, const uint32_t *across,
-                                           const uint32_t *down, uint32_t *row)
+/* At most ENVSAMP__BATCH samples. Cells of all guides, then all edges, are fetched into the cache
+   before the first is read: one sample at a time waits for both. Directions are those of a whole
+   batch, or of some multiple of 16, so that compilers vectorise them. */
+static void envsamp__cdf_sample_batch(const envsamp_cdf *cdf, int n, const float *u0,
+                                      const float *u1, float *const out[4])
 {
-    uint32_t shift = 24 - cdf->guide_bits;
-    int i;
+    uint32_t row[ENVSAMP__BATCH], across[ENVSAMP__BATCH], down[ENVSAMP__BATCH];
+    float dir[3][ENVSAMP__BATCH];
+    envsamp__batch batch;
+    int i, k;
 
+    if (n < ENVSAMP__BATCH)
+        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
     for (i = 0; i < n; i++) {
+        across[i] = envsamp__draw(u0[i]);
+        down[i] = envsamp__draw(u1[i]);
         row[i] = envsamp__cdf_find_row(cdf, down[i]);
-        ENVSAMP__PREFETCH(envsamp__cdf_guide(cdf, row[i]) + (across[i] >> shift));
+        ENVSAMP__PREFETCH(ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i])
+                          + (across[i] >> (24 - cdf->guide_bits)));
     }
     for (i = 0; i < n; i++) {
-        const uint32_t *edge = envsamp__cdf_edges(cdf, row[i])
-                             + envsamp__cdf_guide(cdf, row[i])[across[i] >> shift];
+        const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i]);
+        const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row[i])
+                             + guide[across[i] >> (24 - cdf->guide_bits)];
 
         ENVSAMP__PREFETCH(edge);
         ENVSAMP__PREFETCH(edge + ENVSAMP__WALK);
     }
-}
-
-ENVSAMP__HOT void envsamp__cdf_sample_batch(const envsamp_cdf *cdf, int n, const float *u0,
-                                            const float *u1, float *x, float *y, float *z,
-                                            float *pdf)
-{
-    uint32_t row[ENVSAMP__BATCH], across[ENVSAMP__BATCH], down[ENVSAMP__BATCH];
-    envsamp__batch batch;
-    int i;
-
-    for (i = 0; i < n; i++) {
-        across[i] = envsamp__draw(u0[i]);
-        down[i] = envsamp__draw(u1[i]);
-    }
-    envsamp__cdf_fetch_batch(cdf, n, across, down, row);
     for (i = 0; i < n; i++) {
         envsamp__texel t = envsamp__cdf_texel(cdf, row[i], across[i], down[i]);
-        envsamp__point p = envsamp__cdf_point(cdf, t);
 
-        envsamp__batch_put(&batch, i, p, t.pdf);
+        envsamp__batch_put(&batch, i, envsamp__cdf_point(cdf, t), t.pdf);
     }
-    envsamp__point_dirs(cdf->mapping, n, batch.at, x, y, z);
-    for (i = 0; i < n; i++)
-        pdf[i] = batch.at[3 * ENVSAMP__BATCH + i];
+    envsamp__point_dirs(cdf->mapping, (n + 15) & 0x70, batch.at, dir[0], dir[1], dir[2]);
+    for (k = 0; k < 4; k++)
+        ENVSAMP_MEMCPY(out[k], k < 3 ? dir[k] : batch.at + 3 * ENVSAMP__BATCH,
+                       (size_t)n * sizeof(float));
 }
 
 ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
@@ -6463,15 +6459,16 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
     size_t i;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
-    for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
-        envsamp__cdf_sample_batch(cdf, ENVSAMP__BATCH, u0 + i, u1 + i, x + i, y + i, z + i,
-                                  pdf + i);
-    if (i < n)
-        envsamp__cdf_sample_batch(cdf, (int)(n - i), u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
+    for (i = 0; i < n; i += ENVSAMP__BATCH) {
+        float *const out[4] = { x + i, y + i, z + i, pdf + i };
+
+        envsamp__cdf_sample_batch(cdf, n - i < ENVSAMP__BATCH ? (int)(n - i) : ENVSAMP__BATCH,
+                                  u0 + i, u1 + i, out);
+    }
 }
 
-ENVSAMP__HOT void envsamp__cdf_pdf_batch(const envsamp_cdf *cdf, int n, const float *x,
-                                         const float *y, const float *z, float *pdf)
+static void envsamp__cdf_pdf_batch(const envsamp_cdf *cdf, int n, const float *x, const float *y,
+                                   const float *z, float *pdf)
 {
     envsamp__cdf_place at[ENVSAMP__BATCH];
     float r[ENVSAMP__BATCH];
@@ -6482,7 +6479,7 @@ ENVSAMP__HOT void envsamp__cdf_pdf_batch(const envsamp_cdf *cdf, int n, const fl
     envsamp__sqrt_n(r, n);
     for (i = 0; i < n; i++) {
         at[i] = envsamp__cdf_at(cdf, x[i], y[i], z[i], r[i]);
-        ENVSAMP__PREFETCH(envsamp__cdf_edges(cdf, at[i].row) + at[i].column);
+        ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
     }
     for (i = 0; i < n; i++)
         pdf[i] = envsamp__cdf_density(cdf, at[i]);
@@ -6494,10 +6491,9 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
     size_t i;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
-    for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
-        envsamp__cdf_pdf_batch(cdf, ENVSAMP__BATCH, x + i, y + i, z + i, pdf + i);
-    if (i < n)
-        envsamp__cdf_pdf_batch(cdf, (int)(n - i), x + i, y + i, z + i, pdf + i);
+    for (i = 0; i < n; i += ENVSAMP__BATCH)
+        envsamp__cdf_pdf_batch(cdf, n - i < ENVSAMP__BATCH ? (int)(n - i) : ENVSAMP__BATCH,
+                               x + i, y + i, z + i, pdf + i);
 }
 
 /* ============================================================================================
@@ -9419,59 +9415,44 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
 /* ============================================================================================
  * NONLINEAR LEAST SQUARES                                                        [search: @lm]
  *
- * Minimises |f(x)|^2 over n <= 8 parameters. Each iteration solves, inside a trust region,
- *
- *     min |J p + f|^2   subject to   |D p| <= delta
- *
- * where D holds the largest norm seen of each column of J [5, section 6]. In the scaled variables
- * z = D p the Householder QR of J D^-1 leaves an n by n triangle, whose singular value
- * decomposition turns Levenberg's damped system [3] into n separate equations. The damping that
- * meets the step bound, the step and the predicted decrease then cost O(n^2), and a rank-deficient
- * Jacobian needs no case of its own. Normal equations would square the condition number.
+ * Minimises |f(x)|^2 over n <= 8 parameters by Levenberg's damped least squares [3]: a step z = D p
+ * minimises |J D^-1 z + f|^2 + damping |z|^2, where D holds the largest norm seen of each column of
+ * J [5, section 6], and the damping keeps |z| within a trust radius. Householder QR leaves an n by
+ * n triangle of J D^-1, and that of the triangle above sqrt(damping) I solves for any damping.
  * ========================================================================================== */
 
-enum { ENVSAMP__LM_MAX_PARAMS = 8 };
+#define ENVSAMP__LM_MAX_PARAMS 8
+#define ENVSAMP__LM_LEAST_DAMPING 1e-20
 
 typedef struct envsamp__lm {
     envsamp_lm_fn fn;
     void *user;
     int n, m, iterations, evaluations, converged, stopped;
-    int stale;                             /* the Jacobian belongs to an earlier point */
-    int flat;                              /* f is nearly at right angles to the columns of J */
-    int fine;                              /* steps of differences are shorter than usual */
-    int untold;                            /* something that moves f is lost in its rounding */
-    int idle;                              /* a bit for each parameter that moves no residual */
+    int stale;                  /* the Jacobian belongs to an earlier point */
+    int fine;                   /* steps of differences are shorter than usual */
+    int hidden;                 /* rounding hides the effect of a parameter */
+    int idle;                   /* a bit for each parameter that moves no residual */
     double ftol, xtol, gtol;
-    double *params;                        /* the caller's: the best point so far */
-    double *column[ENVSAMP__LM_MAX_PARAMS];  /* of J: m each */
-    double *residuals, *trial;             /* unit f at params; that of the point being tried */
-    double unit, cost;                     /* see envsamp__lm_evaluate; |unit f|^2 */
-    double delta;                          /* trust radius in |D p| */
-    double scale[ENVSAMP__LM_MAX_PARAMS];  /* D */
-    double before[ENVSAMP__LM_MAX_PARAMS];  /* D at the point before */
-    double r[ENVSAMP__LM_MAX_PARAMS][2 * ENVSAMP__LM_MAX_PARAMS];  /* columns of R V, then of V */
-    double sigma2[ENVSAMP__LM_MAX_PARAMS];  /* squared singular values of J D^-1 */
-    double slope[ENVSAMP__LM_MAX_PARAMS];   /* gradient D^-1 J^T f, along V */
-    double along[ENVSAMP__LM_MAX_PARAMS];   /* the step: D p along V */
-    double damping, correction;            /* Levenberg's lambda of it, and Newton's step in that */
-    double length, linear_decrease;        /* |D p|, |J p|^2 */
+    double *params;             /* the best point so far */
+    double *residuals, *trial;  /* unit f at params and at the point being tried */
+    double unit, cost;          /* see envsamp__lm_evaluate; |unit f|^2 */
+    double cosine;              /* the largest of f and a column of J */
+    double delta, damping;      /* trust radius in |D p|; Levenberg's lambda of the step */
+    double *column[ENVSAMP__LM_MAX_PARAMS];     /* of J D^-1, then of its triangle: m each */
+    double scale[ENVSAMP__LM_MAX_PARAMS];       /* D */
+    double slope[ENVSAMP__LM_MAX_PARAMS];       /* the first n of Q^T f */
+    double step[ENVSAMP__LM_MAX_PARAMS];        /* z */
 } envsamp__lm;
 
-/* Four running sums: the additions overlap, and rounding grows four times slower. */
+/* Four sums: the additions overlap, and rounding grows four times slower. */
 static double envsamp__lm_dot(const double *a, const double *b, int count)
 {
-    double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0;
-    int i = 0;
+    double sum[4] = { 0.0, 0.0, 0.0, 0.0 };
+    int i;
 
-    for (; i < count - 3; i += 4) {
-        s0 += a[i] * b[i];
-        s1 += a[i + 1] * b[i + 1];
-        s2 += a[i + 2] * b[i + 2];
-        s3 += a[i + 3] * b[i + 3];
-    }
-    for (; i < count; i++)
-        s0 += a[i] * b[i];
-    return (s0 + s1) + (s2 + s3);
+    for (i = 0; i < count; i++)
+        sum[i & 3] += a[i] * b[i];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
 /* The power of two, from 2^-1000 to 2^1000, that brings the largest of the numbers to 1 to 2;
@@ -9486,7 +9467,7 @@ static double envsamp__lm_unit(const double *values, int count)
     return unit;
 }
 
-/* |D x|: the length against which xtol is relative; 0 where that is not finite. */
+/* |D x|, against which xtol and the rounding of x count; 0 where that is not finite. */
 static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
 {
     double scaled[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, norm2;
@@ -9514,22 +9495,20 @@ static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double 
     exponent = envsamp__exponent(&cost, 1);
     if (*unit <= 0.0)
         *unit = exponent > 423 && exponent < 1623 ? 1.0 : envsamp__lm_unit(residuals, lm->m);
-    if (*unit != 1.0) {
-        for (i = 0; i < lm->m; i++)
-            residuals[i] *= *unit;
-        cost = envsamp__lm_dot(residuals, residuals, lm->m);
-    }
+    for (i = 0; i < lm->m; i++)
+        residuals[i] *= *unit;
+    cost = envsamp__lm_dot(residuals, residuals, lm->m);
     return *unit > 0.0 && envsamp__exponent(&cost, 1) < 0x7ff ? cost : -1.0;
 }
 
-/* Column j of J D^-1 by a difference over about h, with D raised to its norm where that is larger
-   than before, or lowered to 2^20 times it. By how much the residuals changed, relative to the
-   least change that stands out from their rounding. -1 where that is not finite, or far too much
-   for a step that is not short beside its parameter. */
-static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
+/* Column j of J D^-1 by a difference over about h, with D raised to its norm where that is above
+   `scale`, D before, or lowered to 2^20 times it. By how much the residuals changed, relative to
+   the least change that stands out from their rounding. -1 where that is not finite, or far too
+   much for a step that is not short beside its parameter. */
+static double envsamp__lm_difference(envsamp__lm *lm, int j, double scale, double h)
 {
     double point[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, *column = lm->column[j];
-    double unit, norm, scale, change;
+    double unit, norm, noise, change;
     int i;
 
     ENVSAMP_MEMCPY(point, lm->params, (size_t)lm->n * sizeof(double));
@@ -9542,275 +9521,171 @@ static double envsamp__lm_difference(envsamp__lm *lm, int j, double h)
     for (i = 0; i < lm->m; i++)
         column[i] = (column[i] - lm->residuals[i]) / h;
     norm = ENVSAMP_SQRT(envsamp__lm_dot(column, column, lm->m));
-    scale = envsamp__clamp(lm->before[j] / unit, norm, norm * 1048576.0);
+    scale = envsamp__clamp(scale / unit, norm, norm * 1048576.0);
     lm->scale[j] = scale * unit;
     if (envsamp__exponent(&lm->scale[j], 1) == 0x7ff)
         return -1.0;
     for (i = 0; i < lm->m && scale > 0.0; i++)
         column[i] /= scale;
-    change = norm * ENVSAMP__FABS(h) / (1024.0 * DBL_EPSILON * ENVSAMP_SQRT(lm->cost));
+    noise = DBL_EPSILON * (1024.0 * ENVSAMP_SQRT(lm->cost) + 4.0 * envsamp__lm_scaled_norm(lm));
+    change = norm * ENVSAMP__FABS(h) / noise;
     unit *= 1e-7 * ENVSAMP__FABS(lm->params[j]);
     return change > 4294967296.0 && ENVSAMP__FABS(h) > unit ? -1.0 : change;
 }
 
-/* Column j where a difference over h was lost in rounding, not finite or far too much: steps grow,
-   ahead and back in turn, until one stands out, and close in on what is too much. Otherwise the
-   parameter rests; it is idle if no step moved a residual. */
-static void envsamp__lm_search(envsamp__lm *lm, int j, double h, double change)
+/* Column j of J D^-1. A step of sqrt(epsilon) of a parameter's size balances truncation against
+   rounding; but one near zero must still move the residuals by sqrt(epsilon) of their norm, or
+   rounding in them swamps the difference. Steps ahead and back grow until one stands out from
+   rounding, and close in on what is not finite or far too much. If none does the parameter rests;
+   it is idle if no step moved a residual. */
+static void envsamp__lm_column(envsamp__lm *lm, int j)
 {
-    const double root = ENVSAMP_SQRT(DBL_EPSILON);
-    const int flag = 1 << j;
-    double wall = change < 0.0 ? ENVSAMP__FABS(h) : 0.0, factor = 65536.0, next, low[2];
-    int pass, back = h < 0.0, moved = change != 0.0, passes = moved || !(lm->idle & flag) ? 24 : 0;
+    const double root = ENVSAMP_SQRT(DBL_EPSILON), fnorm = ENVSAMP_SQRT(lm->cost);
+    const double scale = lm->scale[j], size = ENVSAMP__FABS(lm->params[j]);
+    double h = size, low = DBL_MIN * root + DBL_EPSILON * size, wall = 0.0, factor = 65536.0;
+    int pass, moved = 0, passes = lm->idle >> j & 1 ? 2 : 26;
 
-    lm->idle &= ~flag;
-    low[0] = low[1] = wall > 0.0 ? DBL_MIN * root + DBL_EPSILON * ENVSAMP__FABS(lm->params[j])
-                                 : ENVSAMP__FABS(h);
-    for (pass = 0; pass < passes; pass++) {
-        next = envsamp__max(low[0], low[1]);
-        next = 2.0 * next < root ? root : next < 1e300 / factor ? next * factor : 1e300;
-        if (wall > 0.0)
-            next = ENVSAMP_SQRT(low[back]) * ENVSAMP_SQRT(wall);
-        if (next < 1.001 * low[back])
-            break;
-        change = envsamp__lm_difference(lm, j, back ? -next : next);
-        moved |= change != 0.0;
+    if (scale > 0.0 && h < 1.0)
+        h = envsamp__max(h, fnorm < scale ? fnorm / scale : 1.0);
+    h *= lm->fine ? root / 8192.0 : root;
+    h = h > 0.0 ? envsamp__max(h, DBL_MIN) : root;
+    lm->idle &= ~(1 << j);
+    for (pass = 0; pass < passes && h > 1.001 * low; pass++) {
+        double change = envsamp__lm_difference(lm, j, scale, pass & 1 ? -h : h);
+
         if (change > 1.0)
             return;
-        if (change < 0.0) {
-            wall = next;
-        } else {
-            low[back] = next;
-            back ^= wall <= 0.0;
-            factor *= pass > 1 && factor < 1e150 ? factor : 1.0;
-        }
+        moved |= change != 0.0;
+        wall = change < 0.0 ? h : wall;
+        if (!(pass & 1))
+            continue;
+        low = change < 0.0 ? low : h;
+        h = 2.0 * h < root ? root : h < 1e300 / factor ? h * factor : 1e300;
+        if (wall > 0.0)
+            h = ENVSAMP_SQRT(low) * ENVSAMP_SQRT(wall);
+        factor *= pass > 2 && factor < 1e150 ? factor : 1.0;
     }
     ENVSAMP_MEMSET(lm->column[j], 0, (size_t)lm->m * sizeof(double));
-    lm->scale[j] = lm->before[j];
-    lm->untold |= moved;
-    lm->idle |= moved ? 0 : flag;
+    lm->scale[j] = scale;
+    lm->hidden |= moved;
+    lm->idle |= moved ? 0 : 1 << j;
 }
 
-/* J D^-1. A step of sqrt(epsilon) of a parameter's size balances truncation against rounding; but
-   one near zero must still move the residuals by sqrt(epsilon) of their norm, or rounding in them
-   swamps the difference. */
-static void envsamp__lm_jacobian(envsamp__lm *lm)
-{
-    double fnorm = ENVSAMP_SQRT(lm->cost), root = ENVSAMP_SQRT(DBL_EPSILON), h, change;
-    int j;
-
-    lm->untold = 0;
-    for (j = 0; j < lm->n; j++) {
-        lm->before[j] = lm->scale[j];
-        h = ENVSAMP__FABS(lm->params[j]);
-        if (lm->scale[j] > 0.0 && h < 1.0)
-            h = envsamp__max(h, fnorm < lm->scale[j] ? fnorm / lm->scale[j] : 1.0);
-        h *= lm->fine ? root / 8192.0 : root;
-        h = h > 0.0 ? envsamp__max(h, DBL_MIN) : root;
-        change = envsamp__lm_difference(lm, j, h);
-        if (change < 0.0) {
-            change = envsamp__lm_difference(lm, j, -h);
-            h = change < 0.0 ? h : -h;
-        }
-        if (change > 1.0)
-            lm->idle &= ~(1 << j);
-        else
-            envsamp__lm_search(lm, j, h, change);
-    }
-    lm->untold |= lm->idle == (1 << lm->n) - 1;
-}
-
-static void envsamp__lm_reflect(const double *v, double beta, double *target, int count)
-{
-    double weight = beta * envsamp__lm_dot(v, target, count);
-    int i;
-
-    for (i = 0; i < count; i++)
-        target[i] -= weight * v[i];
-}
-
-/* QR of J D^-1 in place: the columns of R and of I, and Q^T f in the first n values of trial. A
-   Householder reflection clears v below its first element and becomes I - beta v v^T. */
-static void envsamp__lm_triangle(envsamp__lm *lm)
+/* QR in place: the triangle on and above the diagonal, and Q^T rhs. A Householder reflection clears
+   v below its first element and becomes I - beta v v^T. */
+static void envsamp__lm_triangle(double *const *column, int n, int m, double *rhs)
 {
     int i, j, k;
 
-    ENVSAMP_MEMCPY(lm->trial, lm->residuals, (size_t)lm->m * sizeof(double));
-    for (k = 0; k < lm->n; k++) {
-        double *v = lm->column[k] + k;
-        double norm2 = envsamp__lm_dot(v, v, lm->m - k), norm = ENVSAMP_SQRT(norm2), beta = 0.0;
+    for (k = 0; k < n; k++) {
+        double *v = column[k] + k, norm2 = envsamp__lm_dot(v, v, m - k), norm, head;
 
-        for (i = 0; i < 2 * lm->n; i++)
-            lm->r[k][i] = i < k ? lm->column[k][i] : i == lm->n + k ? 1.0 : 0.0;
-        if (norm2 >= DBL_MIN) {  /* below this beta would overflow */
-            beta = 1.0 / (norm * (norm + ENVSAMP__FABS(v[0])));
-            lm->r[k][k] = v[0] > 0.0 ? -norm : norm;
-            v[0] -= lm->r[k][k];
+        if (norm2 < DBL_MIN)    /* its reciprocal would overflow */
+            continue;
+        norm = ENVSAMP_SQRT(norm2);
+        head = v[0] > 0.0 ? -norm : norm;
+        v[0] -= head;
+        for (j = k + 1; j <= n; j++) {
+            double *target = (j < n ? column[j] : rhs) + k;
+            double weight = envsamp__lm_dot(v, target, m - k) / (norm * ENVSAMP__FABS(v[0]));
+
+            for (i = 0; i < m - k; i++)
+                target[i] -= weight * v[i];
         }
-        for (j = k + 1; j < lm->n; j++)
-            envsamp__lm_reflect(v, beta, lm->column[j] + k, lm->m - k);
-        envsamp__lm_reflect(v, beta, lm->trial + k, lm->m - k);
+        v[0] = head;
     }
 }
 
-/* One-sided Jacobi: R V has orthogonal columns, whose norms are the singular values. It keeps
-   small singular values of a matrix with badly scaled columns relatively exact. */
-static void envsamp__lm_decompose(envsamp__lm *lm)
-{
-    double *a, *b, aa, bb, ab, zeta, tangent, cosine, ai;
-    int i, j, k, sweep, moved = 1;
-
-    for (sweep = 0; moved && sweep < 40; sweep++) {
-        moved = 0;
-        for (k = 0; k < lm->n * lm->n; k++) {
-            a = lm->r[k % lm->n];
-            b = lm->r[k / lm->n];
-            aa = envsamp__lm_dot(a, a, lm->n);
-            bb = envsamp__lm_dot(b, b, lm->n);
-            ab = envsamp__lm_dot(a, b, lm->n);
-            if (a >= b || ENVSAMP__FABS(ab) <= DBL_EPSILON * ENVSAMP_SQRT(aa) * ENVSAMP_SQRT(bb))
-                continue;           /* they are orthogonal already */
-            zeta = (bb - aa) / (2.0 * ab);
-            tangent = 1.0 / (ENVSAMP__FABS(zeta) + ENVSAMP_SQRT(1.0 + zeta * zeta));
-            if (zeta < 0.0)
-                tangent = -tangent;
-            cosine = 1.0 / ENVSAMP_SQRT(1.0 + tangent * tangent);
-            for (i = 0; i < 2 * lm->n; i++) {
-                ai = a[i];
-                a[i] = cosine * ai - cosine * tangent * b[i];
-                b[i] = cosine * tangent * ai + cosine * b[i];
-            }
-            moved = 1;
-        }
-    }
-    for (j = 0; j < lm->n; j++) {
-        lm->sigma2[j] = envsamp__lm_dot(lm->r[j], lm->r[j], lm->n);
-        lm->slope[j] = envsamp__lm_dot(lm->r[j], lm->trial, lm->n);
-    }
-}
-
-/* All about f at params that a step needs. Stops at a root and where f is at right angles to J. */
+/* All about f at params that a step needs. Stops at a root and where f is at right angles to J. The
+   first trust radius is generous beside params, but wide enough to change f by its own size. */
 static void envsamp__lm_linearise(envsamp__lm *lm)
 {
-    double fnorm = ENVSAMP_SQRT(lm->cost), largest = 0.0;
+    double fnorm = ENVSAMP_SQRT(lm->cost);
     int j;
 
+    lm->stale = lm->hidden = 0;
+    lm->cosine = 0.0;
     lm->converged = lm->stopped = fnorm <= DBL_MIN / 1048576.0 * lm->unit;
+    for (j = 0; j < lm->n && !lm->stopped; j++)
+        envsamp__lm_column(lm, j);
     if (lm->stopped)
         return;
-    envsamp__lm_jacobian(lm);
-    envsamp__lm_triangle(lm);
+    lm->hidden |= lm->idle == (1 << lm->n) - 1;
+    ENVSAMP_MEMCPY(lm->trial, lm->residuals, (size_t)lm->m * sizeof(double));
+    envsamp__lm_triangle(lm->column, lm->n, lm->m, lm->trial);
+    ENVSAMP_MEMCPY(lm->slope, lm->trial, (size_t)lm->n * sizeof(double));
     for (j = 0; j < lm->n; j++) {
-        double norm = ENVSAMP_SQRT(envsamp__lm_dot(lm->r[j], lm->r[j], lm->n));
-        double along = ENVSAMP__FABS(envsamp__lm_dot(lm->r[j], lm->trial, lm->n));
+        double norm = ENVSAMP_SQRT(envsamp__lm_dot(lm->column[j], lm->column[j], j + 1));
+        double along = ENVSAMP__FABS(envsamp__lm_dot(lm->column[j], lm->slope, j + 1));
 
-        largest = envsamp__max(largest, norm > 0.0 ? along / norm : 0.0);
+        lm->cosine = envsamp__max(lm->cosine, norm > 0.0 ? along / norm / fnorm : 0.0);
     }
-    largest /= fnorm;
-    lm->flat = largest <= 1e-6 + lm->xtol + ENVSAMP_SQRT(lm->ftol)
-                       + 64.0 * DBL_EPSILON * envsamp__lm_scaled_norm(lm) / fnorm;
-    lm->stopped = largest <= lm->gtol;
-    lm->converged = lm->stopped && !lm->untold;
-    envsamp__lm_decompose(lm);
-    lm->stale = 0;
+    lm->stopped = lm->cosine <= lm->gtol;
+    lm->converged = lm->stopped && !lm->hidden;
+    if (lm->iterations == 0)
+        lm->delta = envsamp__max(100.0 * envsamp__lm_scaled_norm(lm), fnorm);
 }
 
-/* The minimiser of |J p + f|^2 + damping |D p|^2, along V. Directions below the rounding of J are
-   left out, which gives the shortest of the undamped minimisers. The correction is Newton's on
-   1 / |D p| - 1 / delta, which is nearly linear in the damping [5, section 5, after Hebden]. */
-static void envsamp__lm_damped(envsamp__lm *lm, double damping)
+/* The step z that minimises |J D^-1 z + f|^2 + damping |z|^2; returns its length. A parameter that
+   rests has no part in it. */
+static double envsamp__lm_solve(envsamp__lm *lm, double damping)
 {
-    double largest = 0.0, bend = 0.0, cutoff, share;
-    int j;
+    double memory[ENVSAMP__LM_MAX_PARAMS][2 * ENVSAMP__LM_MAX_PARAMS] = { { 0.0 } };
+    double rhs[2 * ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, *column[ENVSAMP__LM_MAX_PARAMS] = { NULL };
+    int j, k;
 
-    for (j = 0; j < lm->n; j++)
-        largest = envsamp__max(largest, lm->sigma2[j]);
-    cutoff = largest * (lm->n * DBL_EPSILON) * (lm->n * DBL_EPSILON);
+    for (k = 0; k < lm->n; k++) {
+        column[k] = memory[k];
+        ENVSAMP_MEMCPY(memory[k], lm->column[k], ((size_t)k + 1) * sizeof(double));
+        if (envsamp__lm_dot(memory[k], memory[k], k + 1) > 0.0)
+            memory[k][lm->n + k] = ENVSAMP_SQRT(damping);
+        rhs[k] = -lm->slope[k];
+    }
+    envsamp__lm_triangle(column, lm->n, 2 * lm->n, rhs);
+    for (k = lm->n - 1; k >= 0; k--) {
+        for (j = k + 1; j < lm->n; j++)
+            rhs[k] -= memory[j][k] * lm->step[j];
+        lm->step[k] = memory[k][k] != 0.0 ? rhs[k] / memory[k][k] : 0.0;
+    }
     lm->damping = damping;
-    lm->linear_decrease = 0.0;
-    for (j = 0; j < lm->n; j++) {
-        lm->along[j] = lm->sigma2[j] > cutoff ? -lm->slope[j] / (lm->sigma2[j] + damping) : 0.0;
-        lm->linear_decrease += lm->sigma2[j] * lm->along[j] * lm->along[j];
-    }
-    lm->length = ENVSAMP_SQRT(envsamp__lm_dot(lm->along, lm->along, lm->n));
-    for (j = 0; j < lm->n && lm->length > 0.0; j++) {
-        share = lm->along[j] / lm->length;
-        if (share != 0.0)
-            bend += share * share / (lm->sigma2[j] + damping);
-    }
-    bend *= lm->delta;
-    lm->correction = bend > 0.0 ? (lm->length - lm->delta) / bend : 0.0;  /* 0: bisect */
+    return ENVSAMP_SQRT(envsamp__lm_dot(lm->step, lm->step, lm->n));
 }
 
-/* The damping, zero or such that |D p| is within a tenth of delta. |D p| <= |slope| / damping
-   bounds it from above; Newton steps that leave the bracket are replaced by a bisection. */
-static void envsamp__lm_solve(envsamp__lm *lm)
-{
-    double low = 0.0, high, damping;
-    int pass;
-
-    envsamp__lm_damped(lm, 0.0);
-    if (lm->length <= 1.1 * lm->delta)
-        return;
-    high = ENVSAMP_SQRT(envsamp__lm_dot(lm->slope, lm->slope, lm->n)) / lm->delta;
-    damping = lm->correction;
-    for (pass = 0; pass < 60; pass++) {
-        if (!(damping > low && damping < high))
-            damping = envsamp__max(ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high), 0.001 * high);
-        envsamp__lm_damped(lm, damping);
-        if (ENVSAMP__FABS(lm->length - lm->delta) <= 0.1 * lm->delta)
-            return;
-        low = lm->length > lm->delta ? damping : low;
-        high = lm->length > lm->delta ? high : damping;
-        damping += lm->correction;
-    }
-}
-
-/* The new trust radius from the actual decrease, relative to the cost, and its ratio to the
-   predicted one [5, section 4]. A failed step shrinks it to the minimum of the parabola
-   through the slope and the two costs, but to between a tenth and a half. */
-static void envsamp__lm_resize(envsamp__lm *lm, double actual, double ratio)
-{
-    double descent = (lm->linear_decrease + lm->damping * lm->length * lm->length) / lm->cost;
-    double shrink = 0.5, reach = 10.0 * lm->length;
-
-    if (ratio > 0.25) {
-        if (lm->damping <= 0.0 || ratio >= 0.75)
-            lm->delta = 2.0 * lm->length;
-        return;
-    }
-    if (actual < 0.0)
-        shrink = envsamp__max(0.5 * descent / (descent - 0.5 * actual), 0.1);
-    lm->delta = shrink * (lm->delta < reach ? lm->delta : reach);
-}
-
-/* One trial step: taken if it brings a ten-thousandth of the decrease that J promised. Where steps
-   ever shorter bring none, though J promises more than a tolerance and rounding, J is not what it
-   should be: differences over shorter steps are tried, and if these fail too the search ends. */
+/* One trial step: with the least damping or, where that leaves the trust radius, with what a
+   bisection of the exponent finds (no column of J D^-1 is longer than 1). It is taken if it brings
+   a ten-thousandth of the decrease that J promised. If ever shorter steps bring none, though J
+   promises more than rounding and tolerances, J is taken again over shorter differences, and if
+   that fails too the search ends. */
 static void envsamp__lm_iterate(envsamp__lm *lm)
 {
-    double point[ENVSAMP__LM_MAX_PARAMS], *spent = lm->residuals;
-    double unit = 0.0, cost, grown = 100.0, actual = -99.0, predicted, ratio, z;
-    int i, j;
+    double point[ENVSAMP__LM_MAX_PARAMS], *spent = lm->residuals, fnorm = ENVSAMP_SQRT(lm->cost);
+    double low = ENVSAMP__LM_LEAST_DAMPING, high = lm->n * fnorm / lm->delta;
+    double length = envsamp__lm_solve(lm, low), size = envsamp__lm_scaled_norm(lm);
+    double unit = 0.0, actual = -99.0, predicted, cost;
+    int i, j, pass = length > 1.1 * lm->delta ? 60 : 0;
 
-    envsamp__lm_solve(lm);
-    for (i = 0; i < lm->n; i++) {  /* x + D^-1 V y */
-        for (z = 0.0, j = 0; j < lm->n; j++)
-            z += lm->r[j][lm->n + i] * lm->along[j];
-        point[i] = lm->params[i] + (lm->scale[i] > 0.0 ? z / lm->scale[i] : 0.0);
+    for (; pass && ENVSAMP__FABS(length - lm->delta) > 0.001 * lm->delta; pass--) {
+        length = envsamp__lm_solve(lm, ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high));
+        *(length > lm->delta ? &low : &high) = lm->damping;
     }
-    if (lm->iterations++ == 0 && lm->length < lm->delta)
-        lm->delta = lm->length;
+    predicted = 2.0 * lm->damping * (length / fnorm) * (length / fnorm);
+    for (i = 0; i < lm->n; i++) {
+        double sum = 0.0;
 
+        for (j = i; j < lm->n; j++)
+            sum += lm->column[j][i] * lm->step[j];
+        predicted += sum * sum / lm->cost;
+        point[i] = lm->params[i] + (lm->scale[i] > 0.0 ? lm->step[i] / lm->scale[i] : 0.0);
+    }
+    lm->iterations++;
     cost = envsamp__lm_evaluate(lm, point, lm->trial, &unit);
-    predicted = (lm->linear_decrease + 2.0 * lm->damping * lm->length * lm->length) / lm->cost;
-    if (cost >= 0.0)
-        grown = cost * (lm->unit / unit) * (lm->unit / unit) / lm->cost;
-    if (grown < 100.0)  /* ten times the residuals or more fail like what is not finite */
-        actual = 1.0 - grown;
-    ratio = predicted > 0.0 ? actual / predicted : 0.0;
-    envsamp__lm_resize(lm, actual, ratio);
-    if (ratio >= 1e-4) {
+    if (cost >= 0.0)    /* ten times the residuals or more fail like what is not finite */
+        actual = envsamp__max(1.0 - cost * (lm->unit / unit) * (lm->unit / unit) / lm->cost, -99.0);
+    if (actual <= 0.25 * predicted)
+        lm->delta = 0.6 * envsamp__min_double(lm->delta, length);
+    else if (actual >= 0.75 * predicted || lm->damping <= ENVSAMP__LM_LEAST_DAMPING)
+        lm->delta = 3.0 * length;
+    if (actual > 0.0 && actual >= 1e-4 * predicted) {
         lm->residuals = lm->trial;
         lm->trial = spent;
         for (i = 0; i < lm->n; i++) {
@@ -9823,40 +9698,18 @@ static void envsamp__lm_iterate(envsamp__lm *lm)
         lm->stale = 1;
     }
 
-    if (!(ENVSAMP__FABS(actual) <= lm->ftol && predicted <= lm->ftol && ratio <= 2.0)
+    if (!(ENVSAMP__FABS(actual) <= lm->ftol && predicted <= lm->ftol && actual <= 2.0 * predicted)
         && !(lm->delta <= lm->xtol * envsamp__lm_scaled_norm(lm)))
         return;
-    if (lm->damping <= 0.0 || lm->flat) {
+    if (lm->damping <= ENVSAMP__LM_LEAST_DAMPING
+        || lm->cosine <= 1e-6 + lm->xtol + ENVSAMP_SQRT(lm->ftol)
+                         + 64.0 * DBL_EPSILON * size / fnorm) {
         lm->stopped = 1;
-        lm->converged = !lm->untold;
-    } else if (ratio < 1e-4) {
+        lm->converged = !lm->hidden;
+    } else if (!lm->stale) {
         lm->stopped = lm->fine;
         lm->stale = lm->fine = 1;
         lm->delta = ENVSAMP_SQRT(lm->cost);
-    }
-}
-
-/* The first trust radius is generous beside params, but wide enough to change f by its own size
-   where they start near zero. An idle parameter is tried again before a search ends. */
-static void envsamp__lm_run(envsamp__lm *lm, int max_iterations)
-{
-    int idle, tried = -1;
-
-    while (!lm->stopped && lm->iterations < max_iterations) {
-        if (lm->stale)
-            envsamp__lm_linearise(lm);
-        if (lm->iterations == 0)
-            lm->delta = envsamp__max(100.0 * envsamp__lm_scaled_norm(lm), ENVSAMP_SQRT(lm->cost));
-        if (!lm->stopped)
-            envsamp__lm_iterate(lm);
-        if (lm->converged && lm->idle && lm->cost > 0.0 && tried < lm->iterations) {
-            tried = lm->iterations;
-            idle = lm->idle;
-            lm->idle = 0;
-            envsamp__lm_jacobian(lm);
-            lm->stale = lm->idle != idle || lm->untold;
-            lm->stopped = lm->converged = !lm->stale;
-        }
     }
 }
 
@@ -9886,19 +9739,18 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
                                       double *params, envsamp_buffer scratch,
                                       envsamp_lm_info *info)
 {
+    envsamp_sizes sizes = { 0, envsamp_lm_scratch_bytes(desc) };
+    int i, tried = 0, limit;
+    envsamp_result result;
     envsamp__lm lm;
-    size_t bytes;
-    int i;
 
     if (!desc || !fn || !params || !scratch.data)
         return ENVSAMP_ERR_NULL;
-    bytes = envsamp_lm_scratch_bytes(desc);
-    if (bytes == 0)
+    if (sizes.scratch_bytes == 0)
         return ENVSAMP_ERR_PARAM;
-    if (scratch.bytes < bytes)
-        return ENVSAMP_ERR_MEMORY;
-    if ((uintptr_t)scratch.data % ENVSAMP_ALIGN != 0)
-        return ENVSAMP_ERR_ALIGN;
+    result = envsamp__buffers_check(&sizes, scratch, scratch);
+    if (result != ENVSAMP_OK)
+        return result;
 
     ENVSAMP_MEMSET(&lm, 0, sizeof lm);
     lm.fn = fn;
@@ -9917,7 +9769,17 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
     lm.cost = envsamp__lm_evaluate(&lm, params, lm.residuals, &lm.unit);
     if (lm.cost < 0.0)
         return ENVSAMP_ERR_VALUE;
-    envsamp__lm_run(&lm, desc->max_iterations ? desc->max_iterations : 200);
+    limit = desc->max_iterations ? desc->max_iterations : 200;
+    while (!lm.stopped && lm.iterations < limit) {
+        if (lm.stale)
+            envsamp__lm_linearise(&lm);
+        if (!lm.stopped)
+            envsamp__lm_iterate(&lm);
+        if (lm.converged && lm.idle && lm.cost > 0.0 && !tried) {
+            tried = lm.stale = 1;       /* idle parameters are tried again before it ends */
+            lm.idle = lm.stopped = 0;
+        }
+    }
     if (info) {
         info->iterations = lm.iterations;
         info->evaluations = lm.evaluations;

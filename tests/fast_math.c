@@ -640,10 +640,10 @@ static void test_damage(void)
             if (k == CDF && at / 2 < 4 * 6)
                 continue;                   /* the size, and what must fit it */
             if (k == CDF) {
-                sum = envsamp__cdf_checksum((envsamp_cdf *)to);
+                sum = envsamp__checksum(to);
                 memcpy((char *)to + offsetof(envsamp_cdf, checksum), &sum, 4);
-            } else if (at / 2 > 3) {
-                sum = envsamp__checksum((envsamp_kd *)to);
+            } else if (at / 2 > 5) {            /* not the size */
+                sum = envsamp__checksum(to);
                 memcpy((char *)to + offsetof(envsamp_kd, checksum), &sum, 4);
             }
             words++;

@@ -720,10 +720,7 @@ static void damage(fuzz_input *in, int cdf, uint8_t *bytes, size_t size)
     }
     if (fuzz_rarely(in, 32))
         return;
-    if (cdf)
-        inside_cdf_seal(bytes, size);
-    else if (KD_WORD(bytes, bytes) <= size && KD_WORD(bytes, bytes) % 4 == 0)
-        inside_kd_seal(bytes);
+    inside_seal(bytes, size);
 }
 
 static void target_open(fuzz_input *in)

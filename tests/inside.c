@@ -33,7 +33,7 @@ size_t inside_kd_at(const char *name)
         FIELD(warp_at), FIELD(edges_at), FIELD(pdf_at), FIELD(alias_at), FIELD(roots_at),
         FIELD(nodes_at), FIELD(grid_at), FIELD(polar_end), FIELD(integral),
         FIELD(alpha), FIELD(fit_alpha),
-        FIELD(mis_compensation), FIELD(spare), { "end", sizeof(envsamp_kd) }
+        FIELD(mis_compensation), FIELD(criterion), { "end", sizeof(envsamp_kd) }
     };
 #undef FIELD
 
@@ -69,18 +69,13 @@ size_t inside_place(const void *table, size_t at)
     return (size_t)place;
 }
 
-void inside_kd_seal(void *table)
+void inside_seal(void *table, size_t bytes)
 {
-    envsamp_kd *kd = (envsamp_kd *)table;
+    envsamp__table head;
 
-    kd->checksum = envsamp__checksum(kd);
-}
-
-void inside_cdf_seal(void *table, size_t bytes)
-{
-    envsamp_cdf *cdf = (envsamp_cdf *)table;
-
-    cdf->checksum = envsamp__cdf_header_valid(cdf, bytes) ? envsamp__cdf_checksum(cdf) : 0;
+    memcpy(&head, table, sizeof head);
+    head.checksum = head.bytes <= bytes ? envsamp__checksum(table) : 0;
+    memcpy(table, &head, sizeof head);
 }
 
 /* ---- blocks of WARP ---- */
@@ -192,12 +187,12 @@ const uint32_t *inside_row_edges(const envsamp_cdf *cdf)
 
 const uint32_t *inside_edges(const envsamp_cdf *cdf, uint32_t row)
 {
-    return envsamp__cdf_edges(cdf, row);
+    return ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row);
 }
 
 float inside_row_edge(const envsamp_cdf *cdf, uint32_t row)
 {
-    return envsamp__cdf_row_edge(envsamp__cdf_rows(cdf) + row);
+    return envsamp__cdf_row_edge(ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + row);
 }
 
 inside_texel inside_draw(const envsamp_cdf *cdf, float u0, float u1)
@@ -221,15 +216,15 @@ inside_texel inside_find(const envsamp_cdf *cdf, const float dir[3])
 
 float inside_texel_pdf(const envsamp_cdf *cdf, uint32_t column, uint32_t row)
 {
-    const uint32_t *edge = envsamp__cdf_edges(cdf, row) + column;
+    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row) + column;
 
     return envsamp__cdf_parts_pdf(cdf, row, column, edge[1] - edge[0]);
 }
 
 uint32_t inside_search(const envsamp_cdf *cdf, uint32_t row, uint32_t guide, uint32_t draw)
 {
-    return envsamp__cdf_find(envsamp__cdf_edges(cdf, row), cdf->width,
-                             envsamp__cdf_guide(cdf, guide), cdf->guide_bits, draw);
+    return envsamp__cdf_find(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row), cdf->width,
+                             ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, guide), cdf->guide_bits, draw);
 }
 
 /* ---- small math ---- */

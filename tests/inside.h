@@ -22,9 +22,9 @@ extern size_t inside_cdf_at(const char *field);
 extern uint32_t inside_word(const void *table, size_t at);
 extern size_t inside_place(const void *table, size_t at);
 
-/* Makes the checksum of a damaged table right; of a cdf whose header is wrong it becomes 0. */
-extern void inside_kd_seal(void *table);
-extern void inside_cdf_seal(void *table, size_t bytes);
+/* Makes the checksum of a damaged table right; where the header claims more bytes than there are it
+   becomes 0. */
+extern void inside_seal(void *table, size_t bytes);
 
 /* ---- blocks of WARP, read from the table ---- */
 

@@ -714,7 +714,7 @@ static void test_bytes(envsamp_mapping mapping, int bilinear, int width, int hei
         for (k = 0; k < 8; k += 3) {
             ((unsigned char *)copy.buffer.data)[i] ^= (unsigned char)(1 << k);
             opened += envsamp_cdf_open(copy.buffer.data, bytes, &cdf) == ENVSAMP_OK;
-            inside_cdf_seal(copy.buffer.data, bytes);
+            inside_seal(copy.buffer.data, bytes);
             if (envsamp_cdf_open(copy.buffer.data, bytes, &cdf) == ENVSAMP_OK)
                 unsafe += !sane(&t) && integral_of(t.cdf) > 0.0;
             else
@@ -748,7 +748,7 @@ static void test_row_sides(void)
         memcpy(&bits, larger, sizeof bits);
         bits ^= 1u;
         memcpy(larger, &bits, sizeof bits);
-        inside_cdf_seal(s.table.buffer.data, s.sizes.table_bytes);
+        inside_seal(s.table.buffer.data, s.sizes.table_bytes);
         opened += envsamp_cdf_open(s.cdf, s.sizes.table_bytes, &again) == ENVSAMP_OK;
         *larger = kept;
     }
@@ -757,11 +757,11 @@ static void test_row_sides(void)
 
         memcpy(kept, rows + 4 * y, sizeof kept);
         memcpy(rows + 4 * y, rows + 4 * y + 4, sizeof kept);
-        inside_cdf_seal(s.table.buffer.data, s.sizes.table_bytes);
+        inside_seal(s.table.buffer.data, s.sizes.table_bytes);
         opened += envsamp_cdf_open(s.cdf, s.sizes.table_bytes, &again) == ENVSAMP_OK;
         memcpy(rows + 4 * y, kept, sizeof kept);
     }
-    inside_cdf_seal(s.table.buffer.data, s.sizes.table_bytes);
+    inside_seal(s.table.buffer.data, s.sizes.table_bytes);
     control = envsamp_cdf_open(s.cdf, s.sizes.table_bytes, &again) == ENVSAMP_OK;
     CHECK(opened == 0 && control, "rows whose heights do not agree, or that have none: %d of 39 "
           "open; control: the whole table does", opened);

@@ -537,10 +537,7 @@ static int opens_with(sampler *s, size_t at, uint32_t word)
 
     memcpy(&kept, byte + at, 4);
     memcpy(byte + at, &word, 4);
-    if (s->cdf)
-        inside_cdf_seal(byte, s->table.buffer.bytes);
-    else
-        inside_kd_seal(byte);
+    inside_seal(byte, s->table.buffer.bytes);
     opens = sampler_opens(s);
     memcpy(byte + at, &kept, 4);
     return opens;
@@ -554,10 +551,7 @@ static uint32_t checksum_of(sampler *s)
     uint32_t kept, sum;
 
     memcpy(&kept, byte + at, 4);
-    if (s->cdf)
-        inside_cdf_seal(byte, s->table.buffer.bytes);
-    else
-        inside_kd_seal(byte);
+    inside_seal(byte, s->table.buffer.bytes);
     memcpy(&sum, byte + at, 4);
     memcpy(byte + at, &kept, 4);
     return sum;
@@ -623,7 +617,7 @@ static void test_damaged_kd(int kind)
         sampler_free(&s);
         return;
     }
-    whole = opens_with(&s, KD_AT(spare), 0);
+    whole = opens_with(&s, KD_AT(criterion), 0);
     opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 4, back | 5);     /* to itself */
     opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 8, back | 40);
     opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 8, infinite);
