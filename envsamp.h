@@ -6533,40 +6533,38 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 /* ============================================================================================
  * HALFTONE                                                                 [search: @halftone]
  *
- * Error diffusion: importance is added up along a path over the map, a texel is chosen where the
- * sum passes half of S/M, and S/M is taken off it: what is left is the error.
+ * Error diffusion [9]: importance is summed along a path over the map. Where the sum passes half
+ * of S/M, the texel there is chosen and S/M is taken off the sum: what is left is the error.
  *
- *       +-----------+-----------+-----------+    CELLS: they hold half a sample on average. Rows
- *       | 1 4 5 8 ->| 1 4 5 8 ->| 1 4 5 8   |    of them are walked to and fro, a cell column by
+ *       +-----------+-----------+-----------+    CELLS: a cell holds half a sample on average. Rows
+ *       | 1 4 5 8 ->| 1 4 5 8 ->| 1 4 5 8   |    of cells are walked to and fro, a cell column by
  *       | 2 3 6 7   | 2 3 6 7   | 2 3 6 7 | |    column, down and up, in every second row of cells
- *       +-----------+-----------+---------|-+    up and down; one that is worth n >= 2 samples in
+ *       +-----------+-----------+---------|-+    up and down. A cell of n >= 2 samples is walked in
  *       |   7 6 3 2 |   7 6 3 2 |   7 6 3 v |    2 floor(sqrt(n / 2)) + 1 bands, each as a low cell
  *       |   8 5 4 1 |<- 8 5 4 1 |<- 8 5 4 1 |    of that row. All of the error goes on along the
  *       +-----------+-----------+-----------+    path.
  *
- * TEXELS: a cell is one texel, after which a kernel splits its error between the next ones and
- * those below. Nothing is lost at the border: shares outside of the map go to those within.
+ * TEXELS: a cell is one texel. A kernel splits its error between the next texels and those below;
+ * shares outside of the map go to those inside, so nothing is lost.
  *
- * So the errors that are left in the end sum to what the samples miss of S, and M come out by
- * themselves, but for rounding and for texels that are brighter than S/M or black. Where as many
- * samples are missing as lit texels are left, all of these are chosen; after M, none.
+ * The errors at the end sum to what the samples miss of S, so M samples come out by themselves, but
+ * for rounding and for texels that are black or brighter than S/M. With `once`, all lit texels are
+ * chosen that are left when as many samples are missing. After M samples none is chosen.
  *
- * A kernel of a few texels cannot spread a handful of samples over thousands: until a column has
- * gathered half a sample none is chosen, then a dozen are in one row. And an error from above may
- * choose a texel that is hardly worth anything: divided by its probability, such a sample is a
- * firefly. [9] recommends to shift weight ahead where samples are few, "in the extreme case" all of
- * it. Along rows of cells that makes compact regions of equal light, and with a random start every
- * texel is chosen as often as it is worth. bench/experiments.md has other paths, cells and shares.
- *
- * The sums of all columns of some cells come first; only where one takes the sum over the
- * threshold are its texels looked at.
+ * A kernel of a few texels cannot spread a handful of samples over thousands: no column chooses
+ * before it has gathered half a sample, then a dozen choose in one row. And an error from above may
+ * choose a texel of hardly any importance: divided by its probability, that sample is a firefly.
+ * [9] recommends to shift weight ahead where samples are few, "in the extreme case" all of it.
+ * Along rows of cells that makes compact regions of equal light, and with a random start the
+ * expected count of every texel is in proportion to its importance (other paths, cells and shares:
+ * bench/experiments.md). The columns of a row of cells are summed first, so that texels are read
+ * only where the sum of a column crosses the threshold.
  * ========================================================================================== */
 
-#define ENVSAMP__CELLS_PER_SAMPLE 2.0
 #define ENVSAMP__TAPS 12
 
-/* Where a kernel sends an error: so many texels on in the direction of the scan, in the same row or
-   one or two below. */
+/* Where a kernel sends `parts` of an error: `across` texels on in the direction of the scan, and
+   `below` rows below. */
 typedef struct envsamp__tap { signed char across, below, parts; } envsamp__tap;
 
 typedef struct envsamp__halftone {
@@ -6574,29 +6572,26 @@ typedef struct envsamp__halftone {
     const envsamp_halftone_desc *desc;
     envsamp_texel *texels;
     int wanted, chosen, once;
-    int64_t lit;                /* texels above zero that are still to come; with `once` */
+    int64_t lit;                /* with `once`: texels above zero that are still to come */
     double total;               /* S */
     double error;               /* importance that was passed and not yet chosen */
     double threshold, quantum;  /* choose where error is above the one, and take off the other */
     double gap_unit;            /* RANDOM: importance by a unit of spacing */
     int across, down;           /* cells */
-    int cell, strip, step;      /* where the scan is, and its direction */
+    int cell, strip, step;      /* where the scan is in which row of cells, and its direction */
     int x0, x1, y0, y1;         /* texels of the cell */
     double mass;                /* of the cell */
     double *sum;                /* importance of every column of the strip, */
     int *lit_count;             /* and how many of its texels are above zero */
-    double ahead;               /* error that waits for the texel after the next */
     double *row[3];             /* errors that wait for texels of this row and the next two */
-    int rows;                   /* of these, by the kernel; 0: CELLS */
+    int rows;                   /* of these, by the kernel; 0: all of an error goes ahead */
     envsamp__tap tap[ENVSAMP__TAPS];
     double share[ENVSAMP__TAPS];
     int tap_count;
 } envsamp__halftone;
 
-/* ---- random numbers ---- */
-
-/* Entry `number` of a sequence, in (0, 1): a bijection of 32 bits twice, which flips about half
-   of them for each that changes. */
+/* Entry `number` of a sequence of random numbers in (0, 1): a bijection of 32 bits twice, which
+   flips about half of them for each that changes. */
 static double envsamp__random(uint32_t seed, uint32_t number)
 {
     uint32_t x = seed;
@@ -6613,26 +6608,25 @@ static double envsamp__random(uint32_t seed, uint32_t number)
     return ((double)(x >> 1) + 0.5) / 2147483648.0;
 }
 
-/* Distance from one of many independent draws to the next, but for a factor. */
-static double envsamp__spacing(uint32_t seed, uint32_t number)
-{
-    return -envsamp__log2(envsamp__random(seed, number));
-}
+/* ---- importance ---- */
 
-/* ---- the map ---- */
+static double envsamp__importance(const envsamp__pixels *map, int x, int y)
+{
+    double rgb[3], value = envsamp__texel_value(map->image, x, y, rgb);
+
+    return map->row_sr ? value * map->row_sr[y] : value;
+}
 
 static void envsamp__count_lit(const float *value, int count, int *lit)
 {
     int i;
 
-    for (; count >= ENVSAMP__LANES; count -= ENVSAMP__LANES) {
-        for (i = 0; i < ENVSAMP__LANES; i++)
+    if (count == ENVSAMP__CHUNK)
+        for (i = 0; i < ENVSAMP__CHUNK; i++)
             lit[i] += value[i] > 0.0f;
-        value += ENVSAMP__LANES;
-        lit += ENVSAMP__LANES;
-    }
-    for (i = 0; i < count; i++)
-        lit[i] += value[i] > 0.0f;
+    else
+        for (i = 0; i < count; i++)
+            lit[i] += value[i] > 0.0f;
 }
 
 /* Sums of columns between two rows; returns how many pixels are bad. */
@@ -6653,20 +6647,21 @@ static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
 
             envsamp__add_floats(value, count, h->map->row_sr ? h->map->row_sr[y] : 1.0,
                                 h->sum + x);
-            if (h->once)
+            if (h->desc->once)
                 envsamp__count_lit(value, count, h->lit_count + x);
         }
     return bad;
 }
 
-static double envsamp__importance(const envsamp__pixels *map, int x, int y)
-{
-    double rgb[3], value = envsamp__texel_value(map->image, x, y, rgb);
-
-    return map->row_sr ? value * map->row_sr[y] : value;
-}
-
 /* ---- choosing ---- */
+
+/* RANDOM: how far it is to the next draw. */
+static void envsamp__set_gap(envsamp__halftone *h)
+{
+    double spacing = -envsamp__log2(envsamp__random(h->desc->seed, (uint32_t)h->chosen));
+
+    h->quantum = h->threshold = h->gap_unit * spacing;
+}
 
 static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value)
 {
@@ -6677,8 +6672,7 @@ static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value
     texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
     h->error -= h->quantum;
     if (h->gap_unit > 0.0)
-        h->quantum = h->threshold = h->gap_unit
-                                  * envsamp__spacing(h->desc->seed, (uint32_t)h->chosen);
+        envsamp__set_gap(h);
 }
 
 /* Whether so many lit texels are too few for the samples that are missing. */
@@ -6702,8 +6696,8 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
     }
 }
 
-/* A row of the cell's columns, the step-th way, all of their height or a part of it. In turns, rows
-   of cells begin downwards and upwards: else those of an even map may all be low in their cells. */
+/* Columns of the cell between two rows, in the direction of `step`. Every second row of cells
+   begins upwards: else the texels chosen of an even map may all be low in their cells. */
 static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
 {
     int width = h->x1 - h->x0, i, y;
@@ -6715,29 +6709,28 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
             || envsamp__is_short(h, h->lit - h->lit_count[x])) {
             for (y = y0; y < y1; y++)
                 envsamp__walk_texel(h, x, (i + h->strip) & 1 ? y0 + y1 - 1 - y : y);
-        } else {                /* a whole column of which none is to be chosen */
+        } else {                /* a whole column of which none is chosen */
             h->error += h->sum[x];
             h->lit -= h->lit_count[x];
         }
     }
 }
 
-/* Where a part begins, if `count` of them share `length` texels out. */
+/* Where part `part` of `count` begins, which share `length` texels out. */
 static int envsamp__part_edge(int part, int count, int length)
 {
-    return part == 0 ? 0 : part == count ? length : (int)((int64_t)part * length / count);
+    return (int)((int64_t)part * length / count);
 }
 
-/* Bands keep samples from standing in lines where they are dense. Their number is odd, so that the
-   way out of a cell is that of the scan. RANDOM has no use for them. */
+/* Bands keep dense samples from standing in lines. Their number is odd, so that the last one ends
+   where the next cell begins. RANDOM does not need them. */
 static void envsamp__walk_cell(envsamp__halftone *h)
 {
     int height = h->y1 - h->y0, bands = 1, i;
 
     if (h->mass >= 2.0 * h->quantum && !(h->gap_unit > 0.0)) {
-        double pairs = ENVSAMP_SQRT(0.5 * h->mass / h->quantum);
-
-        bands = 2 * (int)(pairs < (double)height ? pairs : (double)height) + 1;
+        bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * h->mass / h->quantum),
+                                             (double)height) + 1;
         bands = envsamp__min(bands, height - !(height & 1));
     }
     for (i = 0; i < bands; i++)
@@ -6748,7 +6741,7 @@ static void envsamp__walk_cell(envsamp__halftone *h)
 
 /* ---- diffusing ---- */
 
-/* The shares of [13]: between some levels of 0..255, which his table gives, the three change
+/* The shares of [13]: his table gives them for some levels of 0..255, between which they change
    evenly. Above the middle they are those of 255 less the level. */
 static void envsamp__ostromoukhov_shares(double level, double share[3])
 {
@@ -6773,7 +6766,7 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
                      + t * (double)b[k] / (double)(b[1] + b[2] + b[3]);
 }
 
-/* Taps and shares, with TEXELS. */
+/* Taps and shares: with CELLS and for RANDOM there are none. */
 static void envsamp__set_kernel(envsamp__halftone *h)
 {
     static const envsamp__tap taps[][ENVSAMP__TAPS] = {
@@ -6791,59 +6784,54 @@ static void envsamp__set_kernel(envsamp__halftone *h)
     int i;
 
     if (h->desc->scan == ENVSAMP_SCAN_CELLS || h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        return;                 /* all of an error goes ahead, round the ends of rows too */
-    for (i = 0; i < ENVSAMP__TAPS && taps[h->desc->kernel][i].parts; i++)
-        parts += (double)taps[h->desc->kernel][i].parts;
-    h->tap_count = i;
-    for (i = 0; i < h->tap_count; i++) {
+        return;
+    for (i = 0; i < ENVSAMP__TAPS && taps[h->desc->kernel][i].parts; i++) {
         h->tap[i] = taps[h->desc->kernel][i];
-        h->share[i] = (double)h->tap[i].parts / parts;
+        parts += (double)h->tap[i].parts;
     }
-    h->rows = 1 + h->tap[h->tap_count - 1].below;
+    h->tap_count = i;
+    h->rows = 1 + h->tap[i - 1].below;
+    while (i-- > 0)
+        h->share[i] = (double)h->tap[i].parts / parts;
 }
 
 /* Sends the error of a texel on. Shares that would leave the map go to the others. */
 static void envsamp__diffuse(envsamp__halftone *h)
 {
-    int inside[ENVSAMP__TAPS], i;
-    double sum = 0.0, scale, next = h->ahead;
+    double *to[ENVSAMP__TAPS], sum = 0.0, scale;
+    int i;
 
     if (h->desc->kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
         envsamp__ostromoukhov_shares(h->mass / h->quantum, h->share);
     for (i = 0; i < h->tap_count; i++) {
-        int to = h->cell + h->step * h->tap[i].across;
+        int x = h->cell + h->step * h->tap[i].across, inside;
 
-        inside[i] = to >= 0 && to < h->across && h->strip + h->tap[i].below < h->down;
-        sum += inside[i] ? h->share[i] : 0.0;
+        inside = x >= 0 && x < h->across && h->strip + h->tap[i].below < h->down;
+        to[i] = inside ? &h->row[h->tap[i].below][x] : NULL;
+        sum += inside ? h->share[i] : 0.0;
     }
     scale = sum > 0.0 ? h->error / sum : 0.0;       /* after the last one nothing is left to do */
-    h->ahead = 0.0;
-    for (i = 0; i < h->tap_count; i++) {
-        double part = inside[i] ? scale * h->share[i] : 0.0;
-
-        if (h->tap[i].below && inside[i])
-            h->row[h->tap[i].below][h->cell + h->step * h->tap[i].across] += part;
-        else if (h->tap[i].across == 1)
-            next += part;
-        else
-            h->ahead += part;
-    }
-    h->error = next;
+    for (i = 0; i < h->tap_count; i++)
+        if (to[i])
+            *to[i] += scale * h->share[i];
+    h->error = 0.0;
 }
+
+/* ---- the scan ---- */
 
 /* A row of cells in the direction of the scan. */
 static void envsamp__walk_strip(envsamp__halftone *h)
 {
-    int width = h->map->image->width, forward = h->step > 0, edge, x, i;
+    const envsamp_image *image = h->map->image;
+    int i, x;
 
-    h->y0 = envsamp__part_edge(h->strip, h->down, h->map->image->height);
-    h->y1 = envsamp__part_edge(h->strip + 1, h->down, h->map->image->height);
+    h->y0 = envsamp__part_edge(h->strip, h->down, image->height);
+    h->y1 = envsamp__part_edge(h->strip + 1, h->down, image->height);
     envsamp__sum_columns(h, h->y0, h->y1);
-    for (i = 0, edge = forward ? 0 : width; i < h->across; i++) {
-        h->cell = forward ? i : h->across - 1 - i;
-        h->x0 = forward ? edge : envsamp__part_edge(h->cell, h->across, width);
-        h->x1 = forward ? envsamp__part_edge(h->cell + 1, h->across, width) : edge;
-        edge = forward ? h->x1 : h->x0;
+    for (i = 0; i < h->across; i++) {
+        h->cell = h->step > 0 ? i : h->across - 1 - i;
+        h->x0 = envsamp__part_edge(h->cell, h->across, image->width);
+        h->x1 = envsamp__part_edge(h->cell + 1, h->across, image->width);
         h->error += h->rows ? h->row[0][h->cell] : 0.0;
         for (h->mass = 0.0, x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
@@ -6853,61 +6841,53 @@ static void envsamp__walk_strip(envsamp__halftone *h)
     }
 }
 
-/* ---- the scan ---- */
-
-/* Cells across and down: with CELLS about square in texels. RANDOM has one a strip. */
-static void envsamp__lay_cells(envsamp__halftone *h, int width, int height)
-{
-    double side = ENVSAMP_SQRT((double)width * (double)height
-                               / (ENVSAMP__CELLS_PER_SAMPLE * (double)h->desc->count));
-
-    side = h->desc->scan == ENVSAMP_SCAN_TEXELS ? 1.0 : envsamp__max(side, 1.0);
-    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        side = 16.0;
-    h->across = envsamp__max_int((int)((double)width / side), 1);
-    h->down = envsamp__max_int((int)((double)height / side), 1);
-    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        h->across = 1;
-}
-
+/* Lays cells out, which with CELLS are about square in texels. RANDOM has one a strip. */
 static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone_desc *desc,
-                                    int width, int height, envsamp__arena *arena)
+                                    const envsamp__pixels *map, envsamp__arena *arena)
 {
-    int i;
+    double width = (double)map->image->width, height = (double)map->image->height;
+    double side = ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count));
+    int random = desc->kernel == ENVSAMP_KERNEL_RANDOM, i;
 
     ENVSAMP_MEMSET(h, 0, sizeof *h);
+    h->map = map;
     h->desc = desc;
-    h->once = desc->once && desc->kernel != ENVSAMP_KERNEL_RANDOM;
+    h->once = desc->once && !random;
     envsamp__set_kernel(h);
-    envsamp__lay_cells(h, width, height);
+    side = desc->scan == ENVSAMP_SCAN_TEXELS ? 1.0 : envsamp__max(side, 1.0);
+    side = random ? 16.0 : side;
+    h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
+    h->down = envsamp__max_int((int)(height / side), 1);
     for (i = 0; i < h->rows; i++)
         h->row[i] = ENVSAMP__TAKE(double, arena, h->across);
-    h->sum = ENVSAMP__TAKE(double, arena, width);
-    h->lit_count = ENVSAMP__TAKE(int, arena, width);
+    h->sum = ENVSAMP__TAKE(double, arena, map->image->width);
+    h->lit_count = ENVSAMP__TAKE(int, arena, map->image->width);
 }
 
-/* Where the scan chooses first. RANDOM: its draws, in their order, are as the sums of exponential
-   spacings over the sum of one more [14]. */
-static void envsamp__set_pace(envsamp__halftone *h)
+/* Sets the error at the start and what is taken off it. RANDOM: its draws, in their order, are as
+   the sums of exponential spacings over the sum of one more [14]. */
+static void envsamp__set_start(envsamp__halftone *h)
 {
     uint32_t seed = h->desc->seed;
     double spacings = 0.0;
     int i;
 
+    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM) {
+        for (i = 0; i <= h->wanted; i++)
+            spacings -= envsamp__log2(envsamp__random(seed, (uint32_t)i));
+        h->gap_unit = h->total / spacings;
+        envsamp__set_gap(h);
+        return;
+    }
     h->quantum = h->total / (double)h->wanted;
     h->threshold = 0.5 * h->quantum;
     h->error = seed ? (envsamp__random(seed, 0) - 0.5) * h->quantum : 0.0;
-    if (h->desc->kernel != ENVSAMP_KERNEL_RANDOM)
-        return;
-    for (i = 0; i <= h->wanted; i++)
-        spacings += envsamp__spacing(seed, (uint32_t)i);
-    h->error = 0.0;
-    h->gap_unit = h->total / spacings;
-    h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
+    for (i = 0; i < h->rows; i++)
+        ENVSAMP_MEMSET(h->row[i], 0, (size_t)h->across * sizeof(double));
 }
 
 /* Without `once`, error that ends up in black cells leaves samples out, and rounding may leave all
-   of them, in a map of denormals. */
+   of them out, in a map of denormals. */
 static void envsamp__take_rest(envsamp__halftone *h)
 {
     int x, y;
@@ -6923,20 +6903,17 @@ static void envsamp__take_rest(envsamp__halftone *h)
         h->texels[h->chosen] = h->texels[h->chosen - 1];
 }
 
-/* Chooses `wanted` texels of a map with this total, of which `lit` are above zero. */
-static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__pixels *map, double total,
-                                   int64_t lit, int wanted, envsamp_texel *texels)
+/* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero. */
+static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
+                                   envsamp_texel *texels)
 {
     int i;
 
-    h->map = map;
     h->texels = texels;
     h->total = total;
     h->lit = lit;
     h->wanted = wanted;
-    envsamp__set_pace(h);
-    for (i = 0; i < h->rows; i++)
-        ENVSAMP_MEMSET(h->row[i], 0, (size_t)h->across * sizeof(double));
+    envsamp__set_start(h);
     for (h->strip = 0; h->strip < h->down && h->chosen < wanted; h->strip++) {
         double *done = h->row[0];
 
@@ -6954,64 +6931,23 @@ static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__pixels *
 
 /* ---- an importance map ---- */
 
-/* Sum of a map, and, with `once`, how many of its texels are above zero. */
-static envsamp_result envsamp__importance_total(envsamp__halftone *h, double *total, int64_t *lit)
-{
-    int x;
-
-    if (envsamp__sum_columns(h, 0, h->map->image->height))
-        return ENVSAMP_ERR_VALUE;
-    *total = 0.0;
-    *lit = 0;
-    for (x = 0; x < h->map->image->width; x++) {
-        *total += h->sum[x];
-        *lit += h->lit_count[x];
-    }
-    return *total > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
-}
-
 ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   const envsamp_halftone_desc *desc,
                                                   envsamp_sizes *sizes)
 {
+    const envsamp_image image = { NULL, width, height, 1, 0, ENVSAMP_LATLONG };
+    const envsamp__pixels map = { &image, NULL };
+    envsamp_result result = envsamp__begin_sizes(desc ? &image : NULL, sizes);
     envsamp__arena arena = { NULL, 0 };
     envsamp__halftone h;
 
-    if (!sizes)
-        return ENVSAMP_ERR_NULL;
-    sizes->table_bytes = sizes->scratch_bytes = 0;
-    if (!desc)
-        return ENVSAMP_ERR_NULL;
-    if (width < 1 || width > 65535 || height < 1 || height > 65535)
-        return ENVSAMP_ERR_SIZE;
+    if (result != ENVSAMP_OK)
+        return result;
     if (desc->count < 1 || (uint32_t)desc->kernel > ENVSAMP_KERNEL_RANDOM
         || (uint32_t)desc->scan > ENVSAMP_SCAN_TEXELS)
         return ENVSAMP_ERR_PARAM;
-    envsamp__halftone_carve(&h, desc, width, height, &arena);
+    envsamp__halftone_carve(&h, desc, &map, &arena);
     return envsamp__set_sizes(sizes, 0, arena.used);
-}
-
-/* What is wrong with the arguments of a call. */
-static envsamp_result envsamp__halftone_check(const envsamp_image *image,
-                                              const envsamp_halftone_desc *desc,
-                                              const envsamp_texel *texels, int capacity,
-                                              envsamp_buffer scratch)
-{
-    envsamp_sizes sizes;
-    envsamp_result result;
-
-    if (!image->pixels || !texels)
-        return ENVSAMP_ERR_NULL;
-    result = envsamp_halftone_sizes(image->width, image->height, desc, &sizes);
-    if (result != ENVSAMP_OK)
-        return result;
-    if (image->row_stride_bytes / sizeof(float) < (size_t)image->width
-        || image->row_stride_bytes > SIZE_MAX / (size_t)image->height)
-        return ENVSAMP_ERR_SIZE;
-    if (image->row_stride_bytes % sizeof(float) || (uintptr_t)image->pixels % sizeof(float))
-        return ENVSAMP_ERR_ALIGN;
-    return capacity < desc->count ? ENVSAMP_ERR_MEMORY
-                                  : envsamp__buffers_check(&sizes, scratch, scratch);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, int height,
@@ -7020,33 +6956,41 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
                                             envsamp_texel *texels, int capacity, int *count,
                                             envsamp_buffer scratch)
 {
-    const envsamp_image image = { importance, width, height, 1,
-                                  row_stride_bytes ? row_stride_bytes
-                                                   : (size_t)width * sizeof(float),
-                                  ENVSAMP_LATLONG };
+    const envsamp_image image = { importance, width, height, 1, row_stride_bytes, ENVSAMP_LATLONG };
     const envsamp__pixels map = { &image, NULL };
-    envsamp__arena arena = { NULL, 0 };
+    envsamp__arena arena = { (char *)scratch.data, 0 };
     envsamp__halftone h;
+    envsamp_sizes sizes;
     envsamp_result result;
-    double total;
-    int64_t lit;
-    int wanted;
+    double total = 0.0;
+    int64_t lit = 0;
+    int x;
 
     if (!count)
         return ENVSAMP_ERR_NULL;
     *count = 0;
-    result = envsamp__halftone_check(&image, desc, texels, capacity, scratch);
+    result = importance && texels ? envsamp_halftone_sizes(width, height, desc, &sizes)
+                                  : ENVSAMP_ERR_NULL;
+    if (result == ENVSAMP_OK)
+        result = envsamp__image_check(&image);
+    if (result == ENVSAMP_OK)
+        result = envsamp__floats_check(importance);
+    if (result == ENVSAMP_OK)
+        result = capacity < desc->count ? ENVSAMP_ERR_MEMORY
+                                        : envsamp__buffers_check(&sizes, scratch, scratch);
     if (result != ENVSAMP_OK)
         return result;
-    arena.base = (char *)scratch.data;
-    envsamp__halftone_carve(&h, desc, width, height, &arena);
-    h.map = &map;
-    result = envsamp__importance_total(&h, &total, &lit);
-    if (result != ENVSAMP_OK)
-        return result;
-    wanted = !desc->once || lit > desc->count ? desc->count : (int)lit;
-    envsamp__halftone_scan(&h, &map, total, lit, wanted, texels);
-    *count = wanted;
+    envsamp__halftone_carve(&h, desc, &map, &arena);
+    if (envsamp__sum_columns(&h, 0, height))
+        return ENVSAMP_ERR_VALUE;
+    for (x = 0; x < width; x++) {
+        total += h.sum[x];
+        lit += h.lit_count[x];
+    }
+    if (!(total > 0.0))
+        return ENVSAMP_ERR_BLACK;
+    *count = desc->once && lit < desc->count ? (int)lit : desc->count;
+    envsamp__halftone_scan(&h, total, lit, *count, texels);
     return ENVSAMP_OK;
 }
 
@@ -9115,8 +9059,7 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
         l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
                                                                         : ENVSAMP_KERNEL_SZIRMAY;
         l->halftone_desc.seed = desc->seed;
-        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, image->width, image->height,
-                                arena);
+        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, &l->pixels, arena);
     }
     if (desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
         envsamp__relaxation_carve(&l->relaxation, image, &l->pixels, desc->count, arena);
@@ -9243,7 +9186,7 @@ static void envsamp__choose_lights(envsamp__lights *l, envsamp_light *lights)
         && envsamp__relax_lights(&l->relaxation, l->desc->refine_rounds, l->luminance,
                                  l->info.integral, lights))
         return;
-    envsamp__halftone_scan(&l->halftone, &l->pixels, l->luminance, 0, l->desc->count, l->texels);
+    envsamp__halftone_scan(&l->halftone, l->luminance, 0, l->desc->count, l->texels);
     envsamp__make_lights(l, lights);
 }
 
