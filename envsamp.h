@@ -8328,198 +8328,134 @@ typedef struct envsamp__emission {
     float *map;                 /* luminance of the texels, row after row */
     uint8_t *labels;            /* of them */
     double *bins;               /* solid angle by luminance */
-    float brightest;
-    int64_t lit;                /* texels above zero */
     double total, total_sr;     /* integral of luminance, and solid angle of the map */
+    float brightest;
     float threshold;            /* L_T */
     double luminance[2], sr[2]; /* of texels that are not emissive, and that are */
 } envsamp__emission;
 
-enum {
-    ENVSAMP__DIM,
-    ENVSAMP__EMISSIVE,
-    ENVSAMP__NEAR,              /* emissive, near a light that was drawn */
-    ENVSAMP__DRAWN              /* emissive, with a light */
-};
+/* Labels. NEAR and DRAWN: emissive, near a light that was drawn, and with one. */
+enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE, ENVSAMP__NEAR, ENVSAMP__DRAWN };
 
 static void envsamp__emission_carve(envsamp__emission *e, const envsamp__pixels *pixels,
                                     envsamp__arena *arena)
 {
-    uint64_t texels = (uint64_t)pixels->image->width * (uint64_t)pixels->image->height;
-
     ENVSAMP_MEMSET(e, 0, sizeof *e);
     e->pixels = pixels;
-    e->map = ENVSAMP__TAKE(float, arena, texels);
+    e->map = ENVSAMP__TAKE(float, arena, (uint64_t)pixels->image->width
+                                         * (uint64_t)pixels->image->height);
     e->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
 }
 
-static float *envsamp__emission_row(const envsamp__emission *e, int y)
+/* Whether one of at most ENVSAMP__CHUNK texels is brighter than a threshold. */
+static int envsamp__any_above(const float *run, int count, float threshold)
 {
-    return e->map + (size_t)y * (size_t)e->pixels->image->width;
-}
+    int above = 0, i;
 
-/* Adds luminance of a row, counts texels above zero, and finds the brightest. In lanes, texel i of
-   ENVSAMP__LANES with the others of that number, for vectors. */
-static double envsamp__survey_luminance(envsamp__emission *e, const float *row)
-{
-    double sum[ENVSAMP__LANES], total = 0.0;
-    float most[ENVSAMP__LANES];
-    int32_t lit[ENVSAMP__LANES];
-    int width = e->pixels->image->width, x, i;
-
-    ENVSAMP_MEMSET(sum, 0, sizeof sum);
-    ENVSAMP_MEMSET(most, 0, sizeof most);
-    ENVSAMP_MEMSET(lit, 0, sizeof lit);
-    for (x = 0; x + ENVSAMP__LANES <= width; x += ENVSAMP__LANES)
-        for (i = 0; i < ENVSAMP__LANES; i++) {
-            sum[i] += (double)row[x + i];
-            lit[i] += row[x + i] > 0.0f;
-            most[i] = row[x + i] > most[i] ? row[x + i] : most[i];
-        }
-    for (; x < width; x++) {
-        sum[0] += (double)row[x];
-        lit[0] += row[x] > 0.0f;
-        most[0] = row[x] > most[0] ? row[x] : most[0];
-    }
-    for (i = 0; i < ENVSAMP__LANES; i++) {
-        total += sum[i];
-        e->lit += lit[i];
-        e->brightest = most[i] > e->brightest ? most[i] : e->brightest;
-    }
-    return total;
+    if (count == ENVSAMP__CHUNK)
+        for (i = 0; i < ENVSAMP__CHUNK; i++)
+            above |= run[i] > threshold;
+    else
+        for (i = 0; i < count; i++)
+            above |= run[i] > threshold;
+    return above;
 }
 
 /* Writes luminance, and finds its sum and maximum; returns how many pixels are bad. */
 static size_t envsamp__survey_emission(envsamp__emission *e)
 {
-    int width = e->pixels->image->width, y;
+    const envsamp_image *image = e->pixels->image;
+    double sum[ENVSAMP__CHUNK] = { 0.0 };
+    float *row = e->map;
     size_t bad = 0;
+    int x, y, i;
 
-    for (y = 0; y < e->pixels->image->height; y++) {
-        float *row = envsamp__emission_row(e, y);
+    for (y = 0; y < image->height; y++, row += image->width) {
+        bad += envsamp__luminance_row(image, envsamp__pixel_at(image, 0, y), row);
+        e->total_sr += (double)image->width * e->pixels->row_sr[y];
+        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
+            int above = envsamp__any_above(row + x, count, e->brightest);
 
-        bad += envsamp__luminance_row(e->pixels->image, envsamp__pixel_at(e->pixels->image, 0, y),
-                                      row);
-        e->total += envsamp__survey_luminance(e, row) * e->pixels->row_sr[y];
-        e->total_sr += (double)width * e->pixels->row_sr[y];
+            envsamp__add_floats(row + x, count, e->pixels->row_sr[y], sum);
+            for (i = x; i < x + count && above; i++)
+                e->brightest = row[i] > e->brightest ? row[i] : e->brightest;
+        }
     }
+    for (i = 0; i < ENVSAMP__CHUNK; i++)
+        e->total += sum[i];
     return bad;
 }
 
-/* Whether one of at most ENVSAMP__LANES texels is brighter than a threshold. */
-static int envsamp__any_above(const float *row, int count, float threshold)
-{
-    int above = 0, i;
-
-    if (count == ENVSAMP__LANES)
-        for (i = 0; i < ENVSAMP__LANES; i++)
-            above |= row[i] > threshold;
-    else
-        for (i = 0; i < count; i++)
-            above |= row[i] > threshold;
-    return above;
-}
-
-/* The bin in which a sum reaches a target; the sum becomes that of the bins before. */
-static uint32_t envsamp__find_bin(const double *bins, double target, double *sum)
-{
-    uint32_t i, last = 0;
-    double before = *sum;
-
-    for (i = 0; i < ENVSAMP__BINS && *sum < target; i++)
-        if (bins[i] > 0.0) {
-            last = i;
-            before = *sum;
-            *sum += bins[i];
-        }
-    *sum = before;
-    return last;
-}
-
-/* Solid angle of texels brighter than a threshold, by the upper half of their luminance's bits, or,
-   where that is `upper`, by the lower half. */
-static void envsamp__fill_bins(const envsamp__emission *e, float threshold, const uint32_t *upper)
-{
-    int width = e->pixels->image->width, x, y, i;
-
-    ENVSAMP_MEMSET(e->bins, 0, ENVSAMP__BINS * sizeof *e->bins);
-    for (y = 0; y < e->pixels->image->height; y++)
-        for (x = 0; x < width; x += ENVSAMP__LANES) {
-            const float *row = envsamp__emission_row(e, y) + x;
-            int count = envsamp__min(ENVSAMP__LANES, width - x);
-
-            if (!envsamp__any_above(row, count, threshold))
-                continue;
-            for (i = 0; i < count; i++) {
-                uint32_t bits = envsamp__float_bits(row[i]);
-
-                if (row[i] > threshold && !upper)
-                    e->bins[bits >> 16] += e->pixels->row_sr[y];
-                else if (row[i] > threshold && bits >> 16 == *upper)
-                    e->bins[bits & 0xffffu] += e->pixels->row_sr[y];
-            }
-        }
-}
-
-/* The luminance that `target` of solid angle does not exceed, where `sum` does not exceed the
-   threshold. */
-static float envsamp__percentile(const envsamp__emission *e, float threshold, double sum,
-                                 double target)
-{
-    uint32_t upper;
-
-    envsamp__fill_bins(e, threshold, NULL);
-    upper = envsamp__find_bin(e->bins, target, &sum);
-    envsamp__fill_bins(e, threshold, &upper);
-    return envsamp__bits_float(upper << 16 | envsamp__find_bin(e->bins, target, &sum));
-}
-
-/* Labels at most ENVSAMP__LANES texels; returns how many are brighter than a threshold, and adds
-   their luminance. */
-static int envsamp__label_texels(const float *row, int count, float threshold, uint8_t *label,
-                                 double *sum)
-{
-    int emissive = 0, i;
-
-    ENVSAMP_MEMSET(label, ENVSAMP__DIM, (size_t)count);
-    if (!envsamp__any_above(row, count, threshold))
-        return 0;
-    for (i = 0; i < count; i++)
-        if (row[i] > threshold) {
-            label[i] = ENVSAMP__EMISSIVE;
-            *sum += (double)row[i];
-            emissive++;
-        }
-    return emissive;
-}
-
-/* Labels the texels that are brighter than a threshold; sums what these and the others are
-   worth. */
+/* Labels the texels that are brighter than a threshold; sums light and solid angle of these and of
+   the others. Zero light of the others means that all of them are black. */
 static void envsamp__split_emission(envsamp__emission *e, float threshold)
 {
-    int width = e->pixels->image->width, x, y;
-    int64_t emissive = 0;
+    int width = e->pixels->image->width, lit = 0, x, y, i;
+    const float *run = e->map;
+    uint8_t *label = e->labels;
 
     e->threshold = threshold;
     e->luminance[1] = e->sr[1] = 0.0;
-    for (y = 0; y < e->pixels->image->height; y++) {
-        const float *row = envsamp__emission_row(e, y);
-        uint8_t *label = e->labels + (size_t)y * (size_t)width;
-        double sum = 0.0;
-        int count = 0;
+    for (y = 0; y < e->pixels->image->height; y++)
+        for (x = 0; x < width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, width - x);
+            int above = envsamp__any_above(run, count, threshold);
 
-        for (x = 0; x < width; x += ENVSAMP__LANES)
-            count += envsamp__label_texels(row + x, envsamp__min(ENVSAMP__LANES, width - x),
-                                           threshold, label + x, &sum);
-        e->luminance[1] += sum * e->pixels->row_sr[y];
-        e->sr[1] += (double)count * e->pixels->row_sr[y];
-        emissive += count;
-    }
-    e->luminance[0] = emissive < e->lit ? envsamp__max(e->total - e->luminance[1], DBL_MIN) : 0.0;
+            ENVSAMP_MEMSET(label, ENVSAMP__DIM, (size_t)count);
+            for (i = 0; i < count && above; i++)
+                if (run[i] > threshold) {
+                    label[i] = ENVSAMP__EMISSIVE;
+                    e->luminance[1] += e->pixels->row_sr[y] * (double)run[i];
+                    e->sr[1] += e->pixels->row_sr[y];
+                } else {
+                    lit |= run[i] > 0.0f;
+                }
+            lit = lit || (!above && envsamp__any_above(run, count, 0.0f));
+            run += count;
+            label += count;
+        }
+    e->luminance[0] = lit ? envsamp__max(e->total - e->luminance[1], DBL_MIN) : 0.0;
     e->sr[0] = envsamp__max(e->total_sr - e->sr[1], 0.0);
 }
 
-/* Finds L_T, and labels texels that are brighter. L_b is sought only where it is the largest. */
+/* The luminance that `target` of solid angle does not exceed, which is above the threshold: by bins
+   of the upper half of its bits, then of the lower half. */
+static float envsamp__percentile(const envsamp__emission *e, double target)
+{
+    int width = e->pixels->image->width, pass, x, y, i;
+    double sum, before = e->sr[0];
+    uint32_t upper = 0, last = 0, bin;
+
+    for (pass = 0; pass < 2; pass++) {
+        const float *run = e->map;
+
+        upper = last;
+        ENVSAMP_MEMSET(e->bins, 0, ENVSAMP__BINS * sizeof *e->bins);
+        for (y = 0; y < e->pixels->image->height; y++)
+            for (x = 0; x < width; x += ENVSAMP__CHUNK) {
+                int count = envsamp__min(ENVSAMP__CHUNK, width - x);
+                int above = envsamp__any_above(run, count, e->threshold);
+
+                for (i = 0; i < count && above; i++) {
+                    uint32_t bits = envsamp__float_bits(run[i]);
+
+                    if (run[i] > e->threshold && (pass == 0 || bits >> 16 == upper))
+                        e->bins[pass == 0 ? bits >> 16 : bits & 0xffffu] += e->pixels->row_sr[y];
+                }
+                run += count;
+            }
+        for (bin = 0, last = 0, sum = before; bin < ENVSAMP__BINS && sum < target; bin++)
+            if (e->bins[bin] > 0.0) {
+                last = bin;
+                before = sum;
+                sum += e->bins[bin];
+            }
+    }
+    return envsamp__bits_float(upper << 16 | last);
+}
+
+/* Finds L_T after a survey, and labels texels that are brighter. L_b is sought only where it is the largest. */
 static void envsamp__find_emission(envsamp__emission *e, const envsamp_lights_desc *desc)
 {
     double target = (double)desc->percentile * e->total_sr;
@@ -8528,7 +8464,7 @@ static void envsamp__find_emission(envsamp__emission *e, const envsamp_lights_de
 
     envsamp__split_emission(e, envsamp__to_float(envsamp__max(limit, 0.0)));
     if (e->sr[0] < target)
-        envsamp__split_emission(e, envsamp__percentile(e, e->threshold, e->sr[0], target));
+        envsamp__split_emission(e, envsamp__percentile(e, target));
 }
 
 /* ---- EnvDirects and EnvIndirects ---- */
