@@ -1205,6 +1205,10 @@ ENVSAMP__HOT void envsamp__sqrt_n(float *x, int n)
 
 /* ============================================================================================
  * IMAGES AND ROWS OF LUMINANCE                                               [search: @images]
+ *
+ * Memory, checks of what callers give, and the one reader of pixels, which mends and counts bad
+ * ones. kd and cdf read rows of luminance, from an image or a callback; halftone and lights read
+ * runs of a row and single texels.
  * ========================================================================================== */
 
 ENVSAMP_DEF const char *envsamp_result_string(envsamp_result result)
@@ -1393,32 +1397,29 @@ static inline uint32_t envsamp__suspect(float value)
 static const float *envsamp__read_pixels(const float *from, int channels, int count,
                                          float *mended, size_t *bad)
 {
-    const int quarter = ENVSAMP__CHUNK / 4;
-    const float *at = from;
+    const int part = ENVSAMP__CHUNK / 4;
+    int floats = channels * count, at = 0, i, c;
     uint32_t top = 0;
-    int rest = channels * count, i, c;
 
-    for (; rest >= 4 * quarter; rest -= 4 * quarter, at += 4 * quarter)
-        for (i = 0; i < quarter; i++)
-            top |= envsamp__suspect(at[i]) | envsamp__suspect(at[i + quarter])
-                 | envsamp__suspect(at[i + 2 * quarter]) | envsamp__suspect(at[i + 3 * quarter]);
-    for (i = 0; i < rest; i++)
-        top |= envsamp__suspect(at[i]);
+    for (; at + ENVSAMP__CHUNK <= floats; at += ENVSAMP__CHUNK)
+        for (i = at; i < at + part; i++)
+            top |= envsamp__suspect(from[i]) | envsamp__suspect(from[i + part])
+                 | envsamp__suspect(from[i + 2 * part]) | envsamp__suspect(from[i + 3 * part]);
+    for (; at < floats; at++)
+        top |= envsamp__suspect(from[at]);
     if (!(top >> 31))
         return from;
     for (i = 0; i < count; i++) {
-        float rgb[4];
+        float rgba[4] = { 0.0f };
 
-        *bad += (size_t)envsamp__mend_pixel(from + i * channels, channels, rgb);
-        rgb[3] = 0.0f;
+        *bad += (size_t)envsamp__mend_pixel(from + i * channels, channels, rgba);
         for (c = 0; c < channels; c++)
-            mended[i * channels + c] = rgb[c];
+            mended[i * channels + c] = rgba[c];
     }
     return mended;
 }
 
-/* Their luminance, as it lies or in `luminance`. The weights sum to 1 in floats, so that no finite
-   pixel has one above FLT_MAX. */
+/* The same of their luminance. Its weights sum to 1 in floats: that of finite pixels is finite. */
 static const float *envsamp__read_luminance(const float *from, int channels, int count,
                                             float *luminance, size_t *bad)
 {
@@ -1428,7 +1429,7 @@ static const float *envsamp__read_luminance(const float *from, int channels, int
     if (channels == 1)
         return envsamp__read_pixels(from, 1, count, luminance, bad);
     from = envsamp__read_pixels(from, channels, count, mended, bad);
-    if (channels == 3 && count == ENVSAMP__CHUNK)   /* two constants: a third faster */
+    if (channels == 3 && count == ENVSAMP__CHUNK)   /* with constants a third faster */
         for (i = 0; i < ENVSAMP__CHUNK; i++)
             luminance[i] = envsamp_luminance(from + 3 * i);
     else
@@ -1527,41 +1528,40 @@ static void envsamp__source_carve(envsamp__source *source, const envsamp_image *
 static envsamp_result envsamp__source_row(envsamp__source *source, int y, float *luminance)
 {
     const envsamp_image *image = &source->image;
-    const float *row = source->row;
+    const float *row = source->fn ? source->row : envsamp__pixel_at(image, 0, y);
+    envsamp_result result = source->fn ? source->fn(y, source->row, source->user) : ENVSAMP_OK;
     int x;
 
-    if (source->fn) {
-        envsamp_result result = source->fn(y, source->row, source->user);
-
-        if (result != ENVSAMP_OK)
-            return result;
-    } else {
-        row = envsamp__pixel_at(image, 0, y);
-    }
+    if (result != ENVSAMP_OK)
+        return result;
     source->bad_pixel_count += envsamp__luminance_row(image, row, luminance);
     for (x = 0; x < image->width && source->dim > 0.0f; x++)
         luminance[x] = luminance[x] > source->dim ? luminance[x] - source->dim : 0.0f;
     return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
-/* Ends the line of knots through a row of texels, which stand at line[1] and on. */
+/* The first and last knot of the line through row y, whose other knots are its texels, at line[1]
+   and on. They lie on the seam, or, on an octahedral map, between a texel and that of the mirrored
+   row. */
 static void envsamp__end_line(const envsamp__source *source, int y, float *line)
 {
-    int width = source->image.width, across = source->image.height - 1 - y, fold;
+    int width = source->image.width, mirrored = source->image.height - 1 - y;
+    int fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
+    float before = fold ? source->side[0][mirrored] : line[width];
+    float after = fold ? source->side[1][mirrored] : line[1];
 
-    fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
-    line[0] = envsamp__half(line[1])
-            + envsamp__half(fold ? source->side[0][across] : line[width]);
-    line[width + 1] = envsamp__half(line[width])
-                    + envsamp__half(fold ? source->side[1][across] : line[1]);
+    line[0] = envsamp__half(line[1]) + envsamp__half(before);
+    line[width + 1] = envsamp__half(line[width]) + envsamp__half(after);
 }
 
-/* The line of knots at the upper or lower border, next to the line through row y. */
+/* The line of knots at the upper or lower border, next to the line `inner` through row y. The four
+   corners of an octahedral map are one point. */
 static void envsamp__border_line(const envsamp__source *source, int y, int outside,
                                  const float *inner, float *line)
 {
     const envsamp_image *image = &source->image;
-    int width = image->width, across = image->height - 1 - y, x;
+    int width = image->width, mirrored = image->height - 1 - y, x;
+    float corner;
 
     for (x = 0; x < width; x++) {
         int wrapped_x = x, wrapped_y = outside;     /* is row y again */
@@ -1569,12 +1569,9 @@ static void envsamp__border_line(const envsamp__source *source, int y, int outsi
         envsamp__wrap_texel(image->mapping, width, image->height, &wrapped_x, &wrapped_y);
         line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
     }
-    if (image->mapping == ENVSAMP_OCTAHEDRAL)       /* all four corners are one point */
-        line[0] = line[width + 1] = envsamp__half(line[1])
-                                  + envsamp__half(envsamp__half(source->side[0][across]))
-                                  + envsamp__half(envsamp__half(source->side[1][across]));
-    else
-        line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(line[width]);
+    corner = image->mapping != ENVSAMP_OCTAHEDRAL ? line[width]
+           : envsamp__half(source->side[0][mirrored]) + envsamp__half(source->side[1][mirrored]);
+    line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(corner);
 }
 
 /* ============================================================================================
@@ -8455,7 +8452,7 @@ static float envsamp__percentile(const envsamp__emission *e, double target)
     return envsamp__bits_float(upper << 16 | last);
 }
 
-/* Finds L_T after a survey, and labels texels that are brighter. L_b is sought only where it is the largest. */
+/* Finds L_T, and labels texels that are brighter. L_b is sought only where it is the largest. */
 static void envsamp__find_emission(envsamp__emission *e, const envsamp_lights_desc *desc)
 {
     double target = (double)desc->percentile * e->total_sr;
