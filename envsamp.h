@@ -6605,6 +6605,12 @@ static double envsamp__random(uint32_t seed, uint32_t number)
     return ((double)(x >> 1) + 0.5) / 2147483648.0;
 }
 
+/* Distance from one of many independent draws to the next, but for a factor. */
+static double envsamp__spacing(uint32_t seed, int number)
+{
+    return -envsamp__log2(envsamp__random(seed, (uint32_t)number));
+}
+
 /* ---- importance ---- */
 
 static double envsamp__importance(const envsamp__pixels *map, int x, int y)
@@ -6652,14 +6658,6 @@ static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
 
 /* ---- choosing ---- */
 
-/* RANDOM: how far it is to the next draw. */
-static void envsamp__set_gap(envsamp__halftone *h)
-{
-    double spacing = -envsamp__log2(envsamp__random(h->desc->seed, (uint32_t)h->chosen));
-
-    h->quantum = h->threshold = h->gap_unit * spacing;
-}
-
 static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value)
 {
     envsamp_texel *texel = &h->texels[h->chosen++];
@@ -6669,7 +6667,7 @@ static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value
     texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
     h->error -= h->quantum;
     if (h->gap_unit > 0.0)
-        envsamp__set_gap(h);
+        h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc->seed, h->chosen);
 }
 
 /* Whether so many lit texels are too few for the samples that are missing. */
@@ -6871,9 +6869,9 @@ static void envsamp__set_start(envsamp__halftone *h)
 
     if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM) {
         for (i = 0; i <= h->wanted; i++)
-            spacings -= envsamp__log2(envsamp__random(seed, (uint32_t)i));
+            spacings += envsamp__spacing(seed, i);
         h->gap_unit = h->total / spacings;
-        envsamp__set_gap(h);
+        h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
         return;
     }
     h->quantum = h->total / (double)h->wanted;
@@ -6883,28 +6881,13 @@ static void envsamp__set_start(envsamp__halftone *h)
         ENVSAMP_MEMSET(h->row[i], 0, (size_t)h->across * sizeof(double));
 }
 
-/* Without `once`, error that ends up in black cells leaves samples out, and rounding may leave all
-   of them out, in a map of denormals. */
-static void envsamp__take_rest(envsamp__halftone *h)
-{
-    int x, y;
-
-    for (y = h->map->image->height - 1; y >= 0 && h->chosen == 0; y--)
-        for (x = 0; x < h->map->image->width && h->chosen == 0; x++) {
-            double value = envsamp__importance(h->map, x, y);
-
-            if (value > 0.0)
-                envsamp__take_texel(h, x, y, value);
-        }
-    for (; h->chosen < h->wanted; h->chosen++)
-        h->texels[h->chosen] = h->texels[h->chosen - 1];
-}
-
-/* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero. */
+/* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero.
+   Without, error that ends in black cells leaves some out, and rounding, in a map of denormals,
+   may leave all out: then the last texel chosen, or the first lit one of the last row, repeats. */
 static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
                                    envsamp_texel *texels)
 {
-    int i;
+    int i, x, y;
 
     h->texels = texels;
     h->total = total;
@@ -6923,7 +6906,12 @@ static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t l
             h->row[i] = done;
         }
     }
-    envsamp__take_rest(h);
+    h->threshold = -DBL_MAX;
+    for (y = h->map->image->height - 1; y >= 0 && h->chosen == 0; y--)
+        for (x = 0; x < h->map->image->width && h->chosen == 0; x++)
+            envsamp__walk_texel(h, x, y);
+    for (; h->chosen < wanted; h->chosen++)
+        texels[h->chosen] = texels[h->chosen - 1];
 }
 
 /* ---- an importance map ---- */
