@@ -46,15 +46,15 @@
  *                       texels               strata                      texel: no excess variance,
  *                                                                        4.5 bytes a texel
  *
- * Numbers of that many bits, u0 and u1 alike, draw a sky whose sun is hidden to 1 % as bright as it
- * is, from 16384 blocks or all texels.
+ * bits: with that many bits in both u0 and u1, 16384 blocks or all texels render a sky whose sun is
+ * hidden within 1 % of its brightness.
  *
- * And without a table, all samples of a map at once, by error diffusion: envsamp_halftone for an
- * importance map that is used but once, such as light x BRDF x cosine at one point; envsamp_lights
- * for an engine that wants the map as some directional lights.
+ * Two functions need no table. envsamp_halftone draws all samples of a map at once by error
+ * diffusion, for a map that is used once, such as light x BRDF x cosine at one point.
+ * envsamp_lights turns a map into K directional lights.
  *
- * A table of 6144 blocks, the default, replaces the CDF of a map of any resolution. What it loses
- * against that is `excess_variance`, which envsamp_kd_get_info tells exactly.
+ * A table of 6144 blocks, the default, replaces the CDF of a map of any resolution. The variance
+ * that it adds to that of a perfect sampler is `excess_variance` in envsamp_kd_info.
  *
  * CONVENTIONS. Lat-long maps, +z up, row 0 first:
  *
@@ -72,22 +72,21 @@
  * Pixels are linear radiance. pdf is per steradian. u0 and u1 are uniform in [0, 1).
  *
  * LOOKUPS. A table is made for one way to look the map up. The default is bilinear: between texel
- * centres, as most renderers and every GPU do; density is then above zero wherever such a lookup
- * is, but for rounding, and all figures are those of the interpolated map. With `nearest`, lookups
- * must take the nearest texel: looked up bilinearly, a table for nearest texels misses 4 to 40 %
- * of the light of a lamp. The other way round nothing is missed, but there is more noise.
- * envsamp_lookup does both.
+ * centres, as most renderers and every GPU do. Density is then above zero wherever such a lookup
+ * is, but for rounding, and all figures are those of the interpolated map. A table with `nearest`
+ * needs lookups of the nearest texel: bilinear lookups would miss 4 to 40 % of the light of a lamp.
+ * A bilinear table with nearest lookups misses nothing, but has more noise. envsamp_lookup does
+ * both.
  *
- * DESCRIPTIONS. Zero is the default of every field: set what differs, in a description of zeros
- * (memset, or = { .block_count = 16384 }) or in that of _defaults(). What 0 would mean is said by
- * a negative number. Fields may be added at the end.
+ * DESCRIPTIONS. Zero is the default of every field. Set the fields that differ, in a description of
+ * zeros (memset, or = { .block_count = 16384 }) or in that of _defaults(). A negative number says
+ * what 0 would mean. Fields may be added at the end.
  *
- * MIS COMPENSATION [8]. With `mis_compensation` above 0, that many times the mean luminance of the
- * map is subtracted from every texel before a table is made: what is dim on all sides is left to
- * the other sampler, and more samples go to the lamps. Valid only in multiple importance sampling
- * with a sampler that reaches every direction, such as the BSDF's; alone it is biased, since
- * density is zero where the map is dimmer than what was subtracted. The table remembers the amount;
- * its integral stays that of the map, the other figures are of what is left.
+ * MIS COMPENSATION [8]. `mis_compensation` times the mean luminance of the map is subtracted from
+ * every texel before a table is made, so that more samples go to the lamps. Valid only in multiple
+ * importance sampling with a sampler that reaches every direction, such as the BSDF's: density is
+ * zero where the map is dimmer than what was subtracted. The table stores the amount. Its integral
+ * stays that of the map; its other figures are of what is left.
  *
  * PLACING IT IN A SCENE. Build the table of the map as it is, once; turn directions, not pixels.
  * With a matrix whose rows are the map's axes in the world:
@@ -102,27 +101,26 @@
  *   runs the other way in the engine's coordinates. The wrong hand is unbiased, but left and right
  *   are exchanged.
  * - Exposure multiplies radiance, never pdf.
- * - So does a tint: the result is unbiased, but draws keep to the luminance before the tint. Where
- *   its largest factor is k times the smallest, a table without excess variance gets (k - 1)^2 / 4k
- *   of it at most (2 at k = 10), nothing in a grey map. Where that is too much and the tint stays,
- *   multiply the pixels and rebuild.
+ * - So does a tint. The result is unbiased, but samples follow the luminance before the tint. Where
+ *   its largest factor is k times the smallest, this adds at most (k - 1)^2 / 4k of excess variance
+ *   (2 at k = 10), nothing in a grey map. Where that is too much, multiply the pixels and rebuild.
  *
- * examples/common/placement.h has these functions to take over, examples/placement.c checks them.
+ * examples/common/placement.h has these functions to copy, examples/placement.c checks them.
  *
  * GUARANTEES
  * - No heap, no stdio, no globals, no recursion. Only memcpy, memset, memcmp, square roots and
  *   assert are linked, unless overridden.
- * - One call uses less than 8 KiB of stack, functions of yours and sanitizers not counted: "make
- *   test" measures every function with gcc and clang, -O0 to -O3 and -Os.
+ * - One call uses less than 8 KiB of stack, your functions and sanitizers not counted: "make test"
+ *   measures every function with gcc and clang, -O0 to -O3 and -Os.
  * - All memory is yours: ask _sizes, give two buffers to _build, aligned to ENVSAMP_ALIGN, 8 bytes,
- *   as any malloc does; more makes no sample faster. Scratch is free again after the build. The
- *   table holds no pointers: copy it, map it, store it, send it to a GPU, and _open it there.
+ *   as any malloc does. Scratch is free again after the build. The table holds no pointers: copy
+ *   it, map it, store it, send it to a GPU, and _open it there.
  * - A table is read-only after the build; any number of threads may sample it.
  * - A build validates everything that it is given and returns a named result. One that fails leaves
- *   the table buffer as it was, or as nothing that passes _open.
+ *   the table buffer as it was, or as bytes that _open refuses.
  * - Sampling is safe for any float, NaN included, and gives a finite direction, 1 long within 1e-6.
  *   So it is with -ffast-math, and descriptions, pixels and tables are checked as without. But then
- *   _n differs from one at a time in the last digits, and in the block of what lies at an edge.
+ *   _n differs from one at a time in the last digits, and in the block of a point at an edge.
  * - Sums over a map are doubles that only add positive numbers. Blocks of WARP have edges at whole
  *   multiples of 2^-24 in the unit square, blocks of ALIAS such probabilities: what 24-bit numbers
  *   draw is exactly what is claimed. pdf is the density that is really sampled.
@@ -139,15 +137,14 @@
  *                            they call; builds call those too. Default none, in CUDA and HIP
  *                            __host__ __device__
  *   ENVSAMP_ASSERT(x)        default assert(x) from assert.h
- *   ENVSAMP_SQRT(x)          double and float square root, exact to the last bit as IEEE wants it;
+ *   ENVSAMP_SQRT(x)          double and float square root, exact to the last bit as in IEEE 754;
  *   ENVSAMP_SQRTF(x)         default sqrt and sqrtf from math.h, or an instruction that is the same
  *   ENVSAMP_FABSF(x)         default fabsf and copysignf from math.h, which every compiler makes
  *   ENVSAMP_COPYSIGNF(x, y)  an instruction or two
  *   ENVSAMP_MEMCPY, _MEMSET  default memcpy, memset and memcmp from string.h. Compilers may call
  *   and _MEMCMP              those of their own accord too, to copy or clear a structure
- *
- * Where all macros that a header is for are defined, it is not included; with all of the above,
- * float.h, limits.h, stddef.h and stdint.h are left, which a freestanding compiler has.
+ * A header all of whose macros are defined is not included. float.h, limits.h, stddef.h and
+ * stdint.h always are; a freestanding compiler has them.
  *
  * LIMITS. Directions may be 1e-15 to 1e18 long. Tables are in the byte order of the machine that
  * built them; one from a machine of the other order fails to open. Directed rounding modes are not
@@ -157,41 +154,32 @@
  * Where size_t has 32 bits, _sizes refuses maps of 4 GB and buffers of 2 GB: ENVSAMP_ERR_SIZE.
  *
  * REFERENCES
- *  [1] Ergun, Kurt, Ozturk: Real-time Kd-tree Based Importance Sampling of Environment Maps.
- *      SCCG 2012
- *  [2] Vose: A linear algorithm for generating random numbers with a given distribution. IEEE
- *      Transactions on Software Engineering, 1991
- *  [3] Levenberg: A method for the solution of certain non-linear problems in least squares.
- *      Quarterly of Applied Mathematics, 1944; Marquardt: An algorithm for least-squares estimation
- *      of nonlinear parameters. SIAM Journal, 1963
+ *  [1] Ergun, Kurt, Ozturk: Real-time Kd-tree Based Importance Sampling of Environment Maps. 2012
+ *  [2] Vose: A linear algorithm for generating random numbers with a given distribution. 1991
+ *  [3] Levenberg: A method for the solution of certain non-linear problems in least squares. 1944.
+ *      Marquardt: An algorithm for least-squares estimation of nonlinear parameters. 1963
  *  [4] Veach: Robust Monte Carlo Methods for Light Transport Simulation. 1997
- *  [5] More: The Levenberg-Marquardt algorithm: implementation and theory. Numerical Analysis, 1978
- *  [6] Chen, Asau: On generating random variates from an empirical distribution. AIIE
- *      Transactions, 1974
- *  [7] Clarberg: Fast Equal-Area Mapping of the (Hemi)Sphere using SIMD. Journal of Graphics Tools,
- *      2008
+ *  [5] More: The Levenberg-Marquardt algorithm: implementation and theory. 1978
+ *  [6] Chen, Asau: On generating random variates from an empirical distribution. 1974
+ *  [7] Clarberg: Fast Equal-Area Mapping of the (Hemi)Sphere using SIMD. 2008
  *  [8] Karlik, Sik, Vevoda, Skrivan, Krivanek: MIS Compensation: Optimizing Sampling Techniques in
- *      Multiple Importance Sampling. ACM Transactions on Graphics, 2019
- *  [9] Szirmay-Kalos, Szecsi, Penzov: Environment Mapping with Floyd-Steinberg Halftoning. GPU Pro,
- *      2010
- * [10] Floyd, Steinberg: An adaptive algorithm for spatial grayscale. Proceedings of the Society
- *      for Information Display, 1976
+ *      Multiple Importance Sampling. 2019
+ *  [9] Szirmay-Kalos, Szecsi, Penzov: Environment Mapping with Floyd-Steinberg Halftoning. 2010
+ * [10] Floyd, Steinberg: An adaptive algorithm for spatial grayscale. 1976
  * [11] Jarvis, Judice, Ninke: A survey of techniques for the display of continuous tone pictures on
- *      bilevel displays. Computer Graphics and Image Processing, 1976
+ *      bilevel displays. 1976
  * [12] Stucki: MECCA, a multiple-error correction computation algorithm for bi-level image hardcopy
- *      reproduction. IBM research report, 1981
- * [13] Ostromoukhov: A simple and efficient error-diffusion algorithm. SIGGRAPH 2001
+ *      reproduction. 1981
+ * [13] Ostromoukhov: A simple and efficient error-diffusion algorithm. 2001
  * [14] Devroye: Non-Uniform Random Variate Generation. 1986
- * [15] Stolarsky: Sums of distances between points on a sphere II. Proceedings of the American
- *      Mathematical Society, 1973
- * [16] Debevec: A median cut algorithm for light probe sampling. SIGGRAPH Posters, 2005
- * [17] Viriyothai, Debevec: Variance minimization light probe sampling. SIGGRAPH Posters, 2009
- * [18] Wu: Efficient Environment Map Rendering based on Decomposition. Computer Graphics Forum,
- *      2024
+ * [15] Stolarsky: Sums of distances between points on a sphere II. 1973
+ * [16] Debevec: A median cut algorithm for light probe sampling. 2005
+ * [17] Viriyothai, Debevec: Variance minimization light probe sampling. 2009
+ * [18] Wu: Efficient Environment Map Rendering based on Decomposition. 2024
  * [19] Agarwal, Ramamoorthi, Belongie, Jensen: Structured importance sampling of environment maps.
- *      SIGGRAPH 2003
+ *      2003
  * [20] Nesterov: A method for solving the convex programming problem with convergence rate
- *      O(1/k^2). Soviet Mathematics Doklady, 1983
+ *      O(1/k^2). 1983
  */
 #ifndef ENVSAMP_H
 #define ENVSAMP_H
@@ -258,11 +246,11 @@ typedef struct envsamp_image {
     envsamp_mapping mapping;
 } envsamp_image;
 
-/* Fills row y of an image, as `pixels` would hold it: width times channels floats, in memory of the
-   build, which is aligned. For maps that are not aligned floats in memory: half, RGBE, tiled,
-   procedural, out of core. Returns ENVSAMP_OK, or with what the build shall fail. Rows are asked
-   for from 0 on, each once; twice, one pass after the other, with MIS compensation, and for an
-   octahedral map that is looked up bilinearly. */
+/* Fills row y of an image, as `pixels` would hold it: width times channels floats, in aligned
+   memory of the build. For maps that are not aligned floats in memory: half, RGBE, tiled,
+   procedural, out of core. Returns ENVSAMP_OK, or the result that ends the build. Rows are asked
+   for from 0 on, each once; twice, in two passes, with MIS compensation and for an octahedral map
+   that is looked up bilinearly. */
 typedef envsamp_result (*envsamp_row_fn)(int y, float *row, void *user);
 
 typedef struct envsamp_buffer { void *data; size_t bytes; } envsamp_buffer;
@@ -280,8 +268,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float
 /* The point of the map in a direction, of unit length or not: u in [0, 1), for OCTAHEDRAL [0, 1],
    and v in [0, 1], each within 3e-7. HEMISPHERE: directions below the horizon have v above 1, up
    to 2. The zero vector gives the point of +z: (0, 0), for OCTAHEDRAL (1/2, 1/2); NaN and infinity
-   give some point. Where a direction has two or four points, on the seam and on the edges of the
-   octahedral square, it is one of them. */
+   give some point. A direction on the seam, or on an edge of the octahedral square, has several
+   points; the result is one of them. */
 ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const float dir[3],
                                                   float uv[2]);
 
@@ -293,11 +281,10 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_luminance(const float rgb[3]);
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_other);
 
 /* Radiance of the map in a direction: interpolated between texel centres, round the seam, half a
-   turn round over the poles, and across the edges of the octahedral square to where they go on; or,
-   if `nearest` is nonzero, of the nearest texel. Over a pole of an odd width interpolation is half
-   a texel short. HEMISPHERE: its last row reaches down to the horizon; below, where z < 0, it is
-   black. Pixels count as in a build. One channel gives three equal values. The zero vector looks
-   at +z. */
+   turn round over the poles, and across the edges of the octahedral square; or, if `nearest` is
+   nonzero, of the nearest texel. Over a pole of an odd width interpolation is half a texel short.
+   HEMISPHERE: its last row reaches down to the horizon; below, where z < 0, it is black. Pixels
+   count as in a build. One channel gives three equal values. The zero vector looks at +z. */
 ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const float dir[3],
                                 float rgb[3]);
 
@@ -309,10 +296,10 @@ typedef enum envsamp_kd_select {
     ENVSAMP_KD_FIT        /* fitted analytic pdf over sorted blocks [1] */
 } envsamp_kd_select;
 
-/* Which block to split next, and where. EXCESS splits what lowers the variance of L/pdf most: with
-   ALIAS 20 to 40 % less of it than SSE from as many blocks. FIT does not profit, since how well the
-   blocks suit the model decides there; SSE is often better for it. The last three choose by their
-   name and split where the means of the parts explain most squares [1]. */
+/* Which block to split next, and where. EXCESS makes the split that lowers the variance of L/pdf
+   most: with ALIAS 20 to 40 % less of it than SSE from as many blocks. For FIT, where the model
+   decides, SSE is often better. The last three choose by their name and split where the means of
+   the parts explain most squares [1]. */
 typedef enum envsamp_kd_criterion {
     ENVSAMP_KD_EXCESS = 0, ENVSAMP_KD_SSE, ENVSAMP_KD_VARIANCE, ENVSAMP_KD_RANGE
 } envsamp_kd_criterion;
@@ -322,8 +309,8 @@ typedef enum envsamp_kd_model {
     ENVSAMP_KD_POWER      /* p(x) ~ (alpha + x)^-beta */
 } envsamp_kd_model;
 
-/* What a fit minimises: the distance of the probabilities [1, equation 7], or, better, the
-   variance of L/pdf. */
+/* What a fit minimises: L1, the distance of the probabilities [1, equation 7], or CHI2, the
+   variance of L/pdf, which is the better one. */
 typedef enum envsamp_kd_objective { ENVSAMP_KD_L1 = 0, ENVSAMP_KD_CHI2 } envsamp_kd_objective;
 
 typedef struct envsamp_kd_desc {
@@ -372,9 +359,9 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
  *   microseconds, a few of them up to half a millisecond, and there are 25000. *done, which may be
  *   NULL, becomes nonzero when nothing is left to do. FIT: the fit is one item, of 20 milliseconds.
  * _finish: does what is left. *kd points into the table, and is NULL after a failure.
- * table, scratch and what image->pixels or `user` points to stay in place, the image itself need
- * not. Whoever gives up just stops. The table is the same, bit for bit, as that of _build.
- * All return what _build would, or what fn returned. */
+ * table, scratch and what image->pixels or `user` points to stay in place; the image itself need
+ * not. To abandon a build, stop calling _step; nothing needs freeing. The table is the same, bit
+ * for bit, as that of _build. All return what _build would, or what fn returned. */
 typedef struct envsamp_kd_job envsamp_kd_job;
 ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_row_fn fn,
                                             void *user, const envsamp_kd_desc *desc,
@@ -410,17 +397,17 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3]);
 
 /* The numbers that make envsamp_kd_sample draw a direction, which need not be of unit length: for
-   mutations, path guiding and tests. u is what was sampled to 4 units of 2^-24, times how much
-   the block is stretched, du per turn of azimuth or per half of 1 - cos theta; sampling u again is
-   1e-6 rad off, plus what 2^-24 in u is there. Across the edge of a block, as for envsamp_kd_pdf,
-   u jumps while the direction does not. WARP only. Returns 0, and u of 0, where density is 0: in
-   black blocks, for what is no direction, and for ALIAS and FIT. */
+   mutations, path guiding and tests. Round-trip error of u: at most 4 x 2^-24 times du/d(azimuth in
+   turns), or du/d((1 - cos theta) / 2); sampling u again is 1e-6 rad off, plus what 2^-24 in u is
+   there. Across the edge of a block, as for envsamp_kd_pdf, u jumps while the direction does not.
+   WARP only. Returns 0, and u of 0, where density is 0: in black blocks, for what is no direction,
+   and for ALIAS and FIT. */
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
                                                  float u[2]);
 
 /* n samples, or densities, at once; the same bits as one at a time, but for -ffast-math, in a half
-   to a third of the time. Outputs may be the inputs where they have the same type and index, else
-   must not overlap. n: SIZE_MAX / 8 at most, which is asserted. */
+   to a third of the time. In-place calls are allowed: x may alias u0, y may alias u1, pdf x; else
+   outputs and inputs must not overlap. n: SIZE_MAX / 8 at most, which is asserted. */
 ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
                                      const float *u1, float *x, float *y, float *z, float *pdf);
 ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
@@ -457,10 +444,10 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
 
 /* ---- cdf: inversion over texels ------------------------------------------------------------ */
 
-/* The map at full resolution, at some 4.5 bytes a texel where kd needs 100 to 400 KB in all.
-   With `nearest` there is no excess variance. Without it there is that within cells between texel
-   centres, which are drawn evenly: 0.003 to 0.2 for real maps, 0.8 for a lone texel, of which kd
-   makes smaller blocks. */
+/* The map at full resolution, at some 4.5 bytes a texel where kd needs 100 to 400 KB in all. With
+   `nearest` there is no excess variance. Without it there is that within cells between texel
+   centres, which are drawn evenly: 0.003 to 0.2 for real maps, 0.8 for a lone texel. What is not
+   said here is as for kd. */
 typedef struct envsamp_cdf_desc {
     float mis_compensation;          /* 0 none .. 1 full: see MIS COMPENSATION */
     int nearest;                     /* 0: radiance is looked up bilinearly; else nearest texel */
@@ -472,19 +459,15 @@ typedef struct envsamp_cdf envsamp_cdf;
 
 ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void);
 
-/* How large the two buffers of a build must be, exactly. `desc` NULL: the defaults. Needs the
-   image's sizes, not its pixels, which may be NULL here. The table is 4.5 to 5 bytes a texel,
-   4.5 at a width of 2^k, and some 45 a row; scratch is 40 bytes a column, 80 a row, and 4 KB.
-   Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
+/* As envsamp_kd_sizes; exactly. The table is 4.5 to 5 bytes a texel, 4.5 at a width of 2^k, and
+   some 45 a row; scratch is 40 bytes a column, 80 a row, and 4 KB. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
                                              const envsamp_cdf_desc *desc, envsamp_sizes *sizes);
 
-/* Builds the table of a map in one pass over its pixels. *cdf points into table.data, and is NULL
-   after a failure. table, scratch and pixels must not overlap.
-   Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY or _ALIGN.
+/* Builds the table of a map in one pass over its pixels: as envsamp_kd_build.
    Numeric: every lit row, and every lit texel of a row, gets one of 2^24 parts, and the rest is
-   shared out in proportion, rounded down: a texel is drawn at least 1 - (width + height) / 2^24
-   times as often as it ought to be. So with `nearest` max_ratio hardly exceeds 1, and
+   divided in proportion, rounded down: a texel is drawn at least 1 - (width + height) / 2^24
+   times as often as its light asks for. With `nearest`, max_ratio hardly exceeds 1 and
    excess_variance is below (width + height) / 2^24.
    Source: inversion by rows, then columns, as everywhere; found by guide tables [6]. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
@@ -501,51 +484,41 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
 ENVSAMP_DEF envsamp_result envsamp_cdf_step(envsamp_cdf_job *job, int count, int *done);
 ENVSAMP_DEF envsamp_result envsamp_cdf_finish(envsamp_cdf_job *job, const envsamp_cdf **cdf);
 
-/* Opens a table that was stored, mapped or copied: checks in linear time that it is whole, and
-   that edges, guides and densities agree, so that no sample and no pdf can read outside of it, or
-   is not finite. `table` must stay in place while *cdf is used, and be aligned to ENVSAMP_ALIGN.
-   Returns ENVSAMP_ERR_NULL, _ALIGN or _FORMAT. */
+/* As envsamp_kd_open and envsamp_kd_bytes. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                             const envsamp_cdf **cdf);
-
-/* Bytes of the table, to store or upload from the address of cdf. */
 ENVSAMP_DEF size_t envsamp_cdf_bytes(const envsamp_cdf *cdf);
 
 /* Draws a direction with density s.pdf per steradian, in expected constant time, at most
    log2(width height) + 8 steps. u1 chooses the row and goes down in polar angle, u0 the texel of
-   the row and round in azimuth, both evenly within a texel. Of each number its leading 24 bits
-   count; those below are dropped. */
+   the row and round in azimuth, both evenly within a texel. The leading 24 bits of a number count;
+   those below are dropped. */
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *cdf, float u0,
                                                              float u1);
 
-/* Density per steradian of envsamp_cdf_sample in a direction, which need not be of unit length. 0
-   for the zero vector and for one with NaN or infinity. Equals the pdf of a sample, but where its
-   direction, rounded to floats, lies across the edge of its texel: 1 in 6000 at 2048 by 1024. */
+/* As envsamp_kd_pdf. A sample's direction, rounded to floats, lies across the edge of its texel for
+   1 in 6000 at 2048 by 1024. */
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_cdf_pdf(const envsamp_cdf *cdf, const float dir[3]);
 
-/* The numbers that make envsamp_cdf_sample draw a direction, which need not be of unit length:
-   whole multiples of 2^-24, and those that were sampled but for 4 units times how much the texel is
-   stretched, du per turn of azimuth or per half of 1 - cos theta. Across the edge of a texel, as
-   for envsamp_cdf_pdf, u jumps while the direction does not. Returns 0, and u of 0, where density
-   is 0: in black texels and for what is no direction. */
+/* As envsamp_kd_invert, with the same error; u are whole multiples of 2^-24. */
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const float dir[3],
                                                   float u[2]);
 
-/* n samples, or densities, at once; the same bits as one at a time, but for -ffast-math, and of a
-   large map two to five times as fast, as waits for memory overlap. Outputs may be the inputs where
-   they have the same type and index, else must not overlap. */
+/* As envsamp_kd_sample_n and envsamp_kd_pdf_n. Of a large map two to five times as fast as one at a
+   time, as waits for memory overlap. */
 ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
                                       const float *u1, float *x, float *y, float *z, float *pdf);
 ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float *x,
                                    const float *y, const float *z, float *pdf);
 
+/* See envsamp_kd_info. */
 typedef struct envsamp_cdf_info {
-    double integral;         /* of luminance over the sphere: units of luminance x sr */
-    double excess_variance;  /* E[(L/pdf)^2] / integral^2 - 1, exact over the map */
-    double max_ratio;        /* largest L / (pdf * integral) over the map */
-    size_t bad_pixel_count;  /* NaN, infinite or negative pixels taken as zero */
-    float mis_compensation;  /* in force: 0 where nothing would have been left */
-    int nearest;             /* how lookups have to be: as in the description */
+    double integral;
+    double excess_variance;
+    double max_ratio;
+    size_t bad_pixel_count;
+    float mis_compensation;
+    int nearest;
     envsamp_mapping mapping;
 } envsamp_cdf_info;
 
@@ -596,7 +569,7 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   envsamp_sizes *sizes);
 
 /* Chooses M texels with a density in proportion to their importance, evenly spread, as a halftone
-   of the map: M samples at once where a table that is sampled one by one would not pay, such as a
+   of the map: M samples at once, where a table that is sampled one by one would not pay, such as a
    32 by 32 map of light x BRDF x cosine for one shaded point.
    importance: height rows of width floats, row_stride_bytes apart, 0 for packed; 0 or above, of any
      scale. Weigh a lat-long map by solid angle first; envsamp_lights does so.
@@ -606,8 +579,8 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
    Evenness: with CELLS, without `once`, the number of samples in a rectangle of mass m was within
      2.5 sqrt(perimeter in cells) of M m in every map tried, for 64 to 1024 samples; 0.6
      sqrt(perimeter in texels) at 512 by 256.
-     With a random seed above 0 every texel is chosen as often as it is worth, so that the mean of
-     f / (M probability) is the sum of f; TEXELS chooses dim ones too often, and has fireflies.
+     With a random seed above 0 every texel is chosen M probability times on average, so the mean
+     of f / (M probability) is the sum of f; TEXELS chooses dim ones too often, and has fireflies.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE for a NaN, infinite or negative importance,
      _BLACK if all are zero, _MEMORY if `capacity` or scratch is too small, or _ALIGN; then *count
      is 0.
@@ -622,9 +595,8 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
 
 /* ---- lights: a map as K directional lights --------------------------------------------------- */
 
-/* RELAXED is the best at 16 to 64 lights: in a scene with shadows 22 to 37 % below the error of
-   VARIANCE_CUT and DECOMPOSED, which are 10 to 27 % below MEDIAN_CUT. DECOMPOSED tells lamps, which
-   make shadows, from the rest, which may be shaded in a smaller picture. */
+/* RELAXED is the best at 16 to 64 lights. DECOMPOSED tells lamps, which make shadows, from the
+   rest, which may be shaded in a smaller picture. */
 typedef enum envsamp_lights_method {
     ENVSAMP_LIGHTS_RELAXED = 0,     /* relaxed on the sphere, moved and weighed: see @lights */
     ENVSAMP_LIGHTS_DECOMPOSED,      /* EnvDirects on bright, emissive texels, and EnvIndirects for
@@ -690,13 +662,13 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
 
 /* Turns a map of any mapping into K directional lights, which sum to the map's integral in every
    channel. HALFTONE, RANDOM: colours are those of the texels, all of one luminance, then tinted
-   alike. Where one texel is worth several lights, they stand evenly in it, one alone in its middle.
+   alike. Where one texel has several lights, they stand evenly in it, one alone in its middle.
    Cuts: where a rectangle cannot be cut into two that have light, lights share its centroid.
-   RELAXED: more rounds bring lights no farther from the map, as @lights has it. Where they are more
-   than the lit texels, lights share these. Above 16384 it gives those of HALFTONE. DECOMPOSED:
-   EnvDirects come first, each on an emissive texel of those that it stands for, and no two on one
-   unless all that is lit is emissive and there are more lights than texels, or than 32768. Lights
-   brighter than FLT_MAX are clamped, those of a map with nothing brighter than 1e-36 lose digits.
+   RELAXED: more rounds never raise the error that @lights defines. Where lights are more than the
+   lit texels, they share these. Above 16384 it gives those of HALFTONE. DECOMPOSED: EnvDirects come
+   first, each on an emissive texel of those that it stands for, and no two on one unless all that
+   is lit is emissive and there are more lights than texels, or than 32768. Lights brighter than
+   FLT_MAX are clamped, those of a map with nothing brighter than 1e-36 lose digits.
    lights: `capacity` of them, K or more. info may be NULL.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY if `capacity` or scratch is too
      small, or _ALIGN; nothing is said of `lights` then.
@@ -718,10 +690,8 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
 
 /* Set `set` of `set_count` matched sets, of which every pixel of a small tile takes another
    (interleaved sampling): edges of shadows become a fine pattern that a filter removes. Each light
-   is turned within `extent`, 0..1, of the angle of its own cone; the places that it takes in all
-   sets cover that disc evenly, on a spiral, and its energy is the same in all. [18] has 0.1. The
-   mean of 8 sets of 32 lights of RELAXED errs less in a scene with shadows by 8 % at 0.1, 43 at 0.5
-   and 48 at 1, by independent turns 6, 27 and 8 %; what is left to filter is 2, 6 and 9 %.
+   is turned within `extent`, 0..1, of the angle of its own cone, 0.1 in [18]; the places that it
+   takes in all sets cover that disc evenly, on a spiral, and its energy is the same in all.
    count: 0 or more. set: 0..set_count - 1. A single set is turned too, by 0.71 of `extent`. A cone
    of no size, cos_extent 1 or more or a NaN, turns nothing. out: `count` lights, may be `lights`.
    Returns ENVSAMP_ERR_NULL or _PARAM. */
