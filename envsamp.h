@@ -1331,9 +1331,8 @@ static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, 
 /* ---- pixels ---- */
 
 #define ENVSAMP__LEVELS 16      /* cells of 2^16 texels cover the widest map */
-#define ENVSAMP__CHUNK 64       /* columns that are worked on together, and */
-#define ENVSAMP__LANES 32       /* floats of an inner loop: constants, so that compilers vectorise
-                                   at -O2 too */
+#define ENVSAMP__CHUNK 64       /* columns that are worked on together: a constant, so that
+                                   compilers vectorise at -O2 too */
 #define ENVSAMP__TOP 128        /* cells of the coarsest level, at most: one split reads as many */
 #define ENVSAMP__BEYOND 9       /* knots that are read, but do not count, after the last */
 
@@ -1435,14 +1434,12 @@ static double envsamp__luminance(const double *rgb, int channels)
 /* sum += weight * value, number by number. */
 static void envsamp__add_floats(const float *value, int count, double weight, double *sum)
 {
+    const int part = ENVSAMP__CHUNK / 2;
     int i;
 
-    for (; count >= ENVSAMP__LANES; count -= ENVSAMP__LANES) {
-        for (i = 0; i < ENVSAMP__LANES; i++)
+    for (; count >= part; count -= part, value += part, sum += part)
+        for (i = 0; i < part; i++)
             sum[i] += weight * (double)value[i];
-        value += ENVSAMP__LANES;
-        sum += ENVSAMP__LANES;
-    }
     for (i = 0; i < count; i++)
         sum[i] += weight * (double)value[i];
 }
