@@ -1376,6 +1376,10 @@ static const float *envsamp__read_pixels(const float *from, int channels, int co
                  | envsamp__suspect(from[i + 2 * part]) | envsamp__suspect(from[i + 3 * part]);
     for (; at < floats; at++)
         top |= envsamp__suspect(from[at]);
+    if (top >> 31 && channels == 4)         /* not by what is ignored */
+        for (i = 0, top = 0; i < count; i++)
+            top |= envsamp__suspect(from[4 * i]) | envsamp__suspect(from[4 * i + 1])
+                 | envsamp__suspect(from[4 * i + 2]);
     if (!(top >> 31))
         return from;
     for (i = 0; i < count; i++) {
