@@ -1296,9 +1296,11 @@ static size_t envsamp__row_stride(const envsamp_image *image)
                                    : (size_t)image->width * (size_t)image->channels * 4;
 }
 
-static const float *envsamp__image_row(const envsamp_image *image, size_t stride, int y)
+static const float *envsamp__pixel_at(const envsamp_image *image, int x, int y)
 {
-    return (const float *)(const void *)((const char *)image->pixels + (size_t)y * stride);
+    return (const float *)(const void *)((const char *)image->pixels
+                                         + (size_t)y * envsamp__row_stride(image))
+         + (size_t)x * (size_t)image->channels;
 }
 
 static envsamp_result envsamp__image_check(const envsamp_image *image)
@@ -1333,25 +1335,6 @@ static envsamp_result envsamp__begin_sizes(const envsamp_image *image, envsamp_s
     return image ? envsamp__image_check(image) : ENVSAMP_ERR_NULL;
 }
 
-/* A pixel as importance sees it: black for NaN or infinite channels, negative ones 0. Returns
-   whether a channel was bad. */
-static int envsamp__mend_pixel(const float *from, int channels, float rgb[3])
-{
-    int black = 0, negative = 0, c;
-
-    for (c = 0; c < 3; c++) {
-        float value = from[channels == 1 ? 0 : c];
-        uint32_t bits = envsamp__float_bits(value);
-
-        black |= (bits & 0x7f800000u) == 0x7f800000u;
-        negative |= bits > 0x80000000u;
-        rgb[c] = bits < 0x7f800000u ? value : 0.0f;
-    }
-    if (black)
-        rgb[0] = rgb[1] = rgb[2] = 0.0f;
-    return black || negative;
-}
-
 /* Where the texel (x, y) lies, if it is one beyond an edge: -1 <= x <= width, -1 <= y <= height.
    An edge of the octahedral square is folded at its middle: what lies beyond it is found again on
    this side, as far from the middle on the other half of the same edge. */
@@ -1371,74 +1354,144 @@ static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, 
     *y = in_y;
 }
 
-/* ---- luminance of an image ---- */
+/* ---- pixels ---- */
 
 #define ENVSAMP__LEVELS 16      /* cells of 2^16 texels cover the widest map */
-#define ENVSAMP__CHUNK 64       /* columns that are worked on together: a constant, so that
-                                   compilers vectorise at -O2 too */
+#define ENVSAMP__CHUNK 64       /* columns that are worked on together, and */
+#define ENVSAMP__LANES 32       /* floats of an inner loop: constants, so that compilers vectorise
+                                   at -O2 too */
 #define ENVSAMP__TOP 128        /* cells of the coarsest level, at most: one split reads as many */
 #define ENVSAMP__BEYOND 9       /* knots that are read, but do not count, after the last */
 
-/* Luminance of `count` pixels with bad ones among them; returns how many those are. */
-static size_t envsamp__mend_chunk(const float *from, int channels, int count, float *luminance)
+/* A pixel as importance sees it: black for NaN or infinite channels, negative ones 0. Returns
+   whether a channel was bad. */
+static int envsamp__mend_pixel(const float *from, int channels, float rgb[3])
 {
-    size_t bad = 0;
-    int x;
+    int black = 0, negative = 0, c;
 
-    for (x = 0; x < count; x++, from += channels) {
-        float rgb[3];
+    for (c = 0; c < 3; c++) {
+        float value = from[channels == 1 ? 0 : c];
+        uint32_t bits = envsamp__float_bits(value);
 
-        bad += (size_t)envsamp__mend_pixel(from, channels, rgb);
-        luminance[x] = channels == 1 ? rgb[0] : envsamp_luminance(rgb);
-        luminance[x] = envsamp__at_most(luminance[x], FLT_MAX);     /* of three channels of FLT_MAX
-                                                                       rounding makes infinity */
+        black |= (bits & 0x7f800000u) == 0x7f800000u;
+        negative |= bits > 0x80000000u;
+        rgb[c] = bits < 0x7f800000u ? value : 0.0f;
     }
-    return bad;
+    if (black)
+        rgb[0] = rgb[1] = rgb[2] = 0.0f;
+    return black || negative;
 }
 
-/* Luminance of `count` pixels. The top bit of the result is set if one of them may be bad, tested
-   on the bits so that -ffast-math cannot drop the test: a sign, or an exponent of all ones, that
-   an added 1 carries out of. Called with constant channels and count. */
-static inline uint32_t envsamp__luminance_chunk(const float *from, int channels, int count,
-                                                float *luminance)
+/* Sets the top bit for infinities, NaN and negative numbers, which may be bad, and for -0. */
+static inline uint32_t envsamp__suspect(float value)
 {
-    uint32_t top = 0;
-    int x;
-
-    for (x = 0; x < count; x++)
-        luminance[x] = channels == 1 ? from[x] : 0.2126f * from[channels * x]
-                     + 0.7152f * from[channels * x + 1] + 0.0722f * from[channels * x + 2];
-    for (x = 0; x < count; x++)
-        top |= envsamp__float_bits(luminance[x]) + 0x00800000u;
-    for (x = 0; x < (channels == 4 ? 0 : channels * count); x++)
-        top |= envsamp__float_bits(from[x]);
-    for (x = 0; x < (channels == 4 ? count : 0); x++)
-        top |= envsamp__float_bits(from[4 * x]) | envsamp__float_bits(from[4 * x + 1])
-             | envsamp__float_bits(from[4 * x + 2]);
-    return top;
+    return (envsamp__float_bits(value) >> 1) + 0x40400000u;
 }
 
-/* Luminance of one row; returns how many pixels of it are bad. */
-static size_t envsamp__luminance_row(const float *from, int channels, int width,
+/* Reads `count` pixels of a row, at most ENVSAMP__CHUNK: returns them as they lie where all are
+   good, else a copy in `mended`. Adds how many are bad. */
+static const float *envsamp__read_pixels(const float *from, int channels, int count,
+                                         float *mended, size_t *bad)
+{
+    const int quarter = ENVSAMP__CHUNK / 4;
+    const float *at = from;
+    uint32_t top = 0;
+    int rest = channels * count, i, c;
+
+    for (; rest >= 4 * quarter; rest -= 4 * quarter, at += 4 * quarter)
+        for (i = 0; i < quarter; i++)
+            top |= envsamp__suspect(at[i]) | envsamp__suspect(at[i + quarter])
+                 | envsamp__suspect(at[i + 2 * quarter]) | envsamp__suspect(at[i + 3 * quarter]);
+    for (i = 0; i < rest; i++)
+        top |= envsamp__suspect(at[i]);
+    if (!(top >> 31))
+        return from;
+    for (i = 0; i < count; i++) {
+        float rgb[4];
+
+        *bad += (size_t)envsamp__mend_pixel(from + i * channels, channels, rgb);
+        rgb[3] = 0.0f;
+        for (c = 0; c < channels; c++)
+            mended[i * channels + c] = rgb[c];
+    }
+    return mended;
+}
+
+/* Their luminance, as it lies or in `luminance`. The weights sum to 1 in floats, so that no finite
+   pixel has one above FLT_MAX. */
+static const float *envsamp__read_luminance(const float *from, int channels, int count,
+                                            float *luminance, size_t *bad)
+{
+    float mended[4 * ENVSAMP__CHUNK];
+    int i;
+
+    if (channels == 1)
+        return envsamp__read_pixels(from, 1, count, luminance, bad);
+    from = envsamp__read_pixels(from, channels, count, mended, bad);
+    if (channels == 3 && count == ENVSAMP__CHUNK)   /* two constants: a third faster */
+        for (i = 0; i < ENVSAMP__CHUNK; i++)
+            luminance[i] = envsamp_luminance(from + 3 * i);
+    else
+        for (i = 0; i < count; i++)
+            luminance[i] = envsamp_luminance(from + i * channels);
+    return luminance;
+}
+
+/* Luminance of a row; returns how many of its pixels are bad. */
+static size_t envsamp__luminance_row(const envsamp_image *image, const float *from,
                                      float *luminance)
 {
     size_t bad = 0;
     int x;
 
-    for (x = 0; x < width; x += ENVSAMP__CHUNK, from += channels * ENVSAMP__CHUNK) {
-        int count = envsamp__min(ENVSAMP__CHUNK, width - x);
-        uint32_t top;
+    for (x = 0; x < image->width; x += ENVSAMP__CHUNK, from += image->channels * ENVSAMP__CHUNK) {
+        int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
+        const float *run = envsamp__read_luminance(from, image->channels, count, luminance + x,
+                                                   &bad);
 
-        if (channels == 3 && count == ENVSAMP__CHUNK)
-            top = envsamp__luminance_chunk(from, 3, ENVSAMP__CHUNK, luminance + x);
-        else if (channels == 4 && count == ENVSAMP__CHUNK)
-            top = envsamp__luminance_chunk(from, 4, ENVSAMP__CHUNK, luminance + x);
-        else
-            top = envsamp__luminance_chunk(from, channels, count, luminance + x);
-        if (top >> 31)
-            bad += envsamp__mend_chunk(from, channels, count, luminance + x);
+        if (run != luminance + x)
+            ENVSAMP_MEMCPY(luminance + x, run, (size_t)count * sizeof(float));
     }
     return bad;
+}
+
+/* As envsamp_luminance, in double, of sums of pixels. */
+static double envsamp__luminance(const double *rgb, int channels)
+{
+    return channels == 1 ? rgb[0] : 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+}
+
+/* sum += weight * value, number by number. */
+static void envsamp__add_floats(const float *value, int count, double weight, double *sum)
+{
+    int i;
+
+    for (; count >= ENVSAMP__LANES; count -= ENVSAMP__LANES) {
+        for (i = 0; i < ENVSAMP__LANES; i++)
+            sum[i] += weight * (double)value[i];
+        value += ENVSAMP__LANES;
+        sum += ENVSAMP__LANES;
+    }
+    for (i = 0; i < count; i++)
+        sum[i] += weight * (double)value[i];
+}
+
+/* An image whose texels count by luminance times solid angle. */
+typedef struct envsamp__pixels {
+    const envsamp_image *image;
+    double *row_sr;             /* of a texel of each row; NULL: 1 */
+} envsamp__pixels;
+
+/* The luminance of a texel, in double, and its channels. */
+static double envsamp__texel_value(const envsamp_image *image, int x, int y, double rgb[3])
+{
+    float mended[3];
+    int c;
+
+    envsamp__mend_pixel(envsamp__pixel_at(image, x, y), image->channels, mended);
+    for (c = 0; c < 3; c++)
+        rgb[c] = (double)mended[c];
+    return envsamp__luminance(rgb, image->channels);
 }
 
 /* ---- rows of an image ---- */
@@ -1483,10 +1536,9 @@ static envsamp_result envsamp__source_row(envsamp__source *source, int y, float 
         if (result != ENVSAMP_OK)
             return result;
     } else {
-        row = envsamp__image_row(image, envsamp__row_stride(image), y);
+        row = envsamp__pixel_at(image, 0, y);
     }
-    source->bad_pixel_count += envsamp__luminance_row(row, image->channels, image->width,
-                                                      luminance);
+    source->bad_pixel_count += envsamp__luminance_row(image, row, luminance);
     for (x = 0; x < image->width && source->dim > 0.0f; x++)
         luminance[x] = luminance[x] > source->dim ? luminance[x] - source->dim : 0.0f;
     return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
@@ -1597,8 +1649,7 @@ static void envsamp__add_texel(const envsamp_image *image, int x, int y, float w
     int c;
 
     envsamp__wrap_texel(image->mapping, image->width, image->height, &x, &y);
-    envsamp__mend_pixel(envsamp__image_row(image, envsamp__row_stride(image), y)
-                        + (size_t)x * (size_t)image->channels, image->channels, texel);
+    envsamp__mend_pixel(envsamp__pixel_at(image, x, y), image->channels, texel);
     for (c = 0; c < 3; c++)
         rgb[c] += weight * texel[c];
 }
@@ -6513,24 +6564,13 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 
 #define ENVSAMP__CELLS_PER_SAMPLE 2.0
 #define ENVSAMP__TAPS 12
-#define ENVSAMP__LANES 32           /* columns that are summed together: a constant, so that
-                                       compilers vectorise at -O2 too */
 
 /* Where a kernel sends an error: so many texels on in the direction of the scan, in the same row or
    one or two below. */
 typedef struct envsamp__tap { signed char across, below, parts; } envsamp__tap;
 
-/* An importance map: luminance of pixels, times solid angles of rows where there are any. */
-typedef struct envsamp__grain {
-    const float *pixels;
-    size_t stride;              /* bytes */
-    int channels;               /* 1, 3 or 4 */
-    double *row_sr;             /* NULL: 1 */
-    int width, height;
-} envsamp__grain;
-
 typedef struct envsamp__halftone {
-    const envsamp__grain *grain;
+    const envsamp__pixels *map;
     const envsamp_halftone_desc *desc;
     envsamp_texel *texels;
     int wanted, chosen, once;
@@ -6581,146 +6621,49 @@ static double envsamp__spacing(uint32_t seed, uint32_t number)
 
 /* ---- the map ---- */
 
-static const float *envsamp__grain_at(const envsamp__grain *grain, int x, int y)
+static void envsamp__count_lit(const float *value, int count, int *lit)
 {
-    return (const float *)(const void *)((const char *)grain->pixels + (size_t)y * grain->stride)
-         + (size_t)x * (size_t)grain->channels;
-}
-
-/* As envsamp_luminance, in double, of a pixel or of sums of pixels. */
-static double envsamp__luminance(const double *rgb, int channels)
-{
-    return channels == 1 ? rgb[0] : 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-}
-
-/* Adds pixels one by one; returns how many are bad. */
-static size_t envsamp__add_pixels(const float *from, int channels, int count, double rgb[3])
-{
-    size_t bad = 0;
-    int x, c;
-
-    for (x = 0; x < count; x++, from += channels) {
-        float mended[3];
-
-        bad += (size_t)envsamp__mend_pixel(from, channels, mended);
-        for (c = 0; c < 3; c++)
-            rgb[c] += (double)mended[c];
-    }
-    return bad;
-}
-
-/* Luminance of a pixel, which in double cannot overflow. */
-static double envsamp__pixel_luminance(const float *from, int channels)
-{
-    double rgb[3];
-    float mended[3];
-    int c;
-
-    envsamp__mend_pixel(from, channels, mended);
-    for (c = 0; c < 3; c++)
-        rgb[c] = (double)mended[c];
-    return envsamp__luminance(rgb, channels);
-}
-
-static double envsamp__grain_value(const envsamp__grain *grain, int x, int y)
-{
-    double value = envsamp__pixel_luminance(envsamp__grain_at(grain, x, y), grain->channels);
-
-    return grain->row_sr ? value * grain->row_sr[y] : value;
-}
-
-/* Adds ENVSAMP__LANES pixels, float by float, unless one of them may be bad: then returns 0.
-   Called with constant channels. */
-static inline int envsamp__add_floats(const float *value, int channels, double weight, double *sum)
-{
-    uint32_t top = 0;
     int i;
 
-    for (i = 0; i < channels * ENVSAMP__LANES; i++)
-        top |= envsamp__float_bits(value[i]) | (envsamp__float_bits(value[i]) + 0x00800000u);
-    if (top >> 31)
-        return 0;
-    for (i = 0; i < channels * ENVSAMP__LANES; i++)
-        sum[i] += weight * (double)value[i];
-    return 1;
+    for (; count >= ENVSAMP__LANES; count -= ENVSAMP__LANES) {
+        for (i = 0; i < ENVSAMP__LANES; i++)
+            lit[i] += value[i] > 0.0f;
+        value += ENVSAMP__LANES;
+        lit += ENVSAMP__LANES;
+    }
+    for (i = 0; i < count; i++)
+        lit[i] += value[i] > 0.0f;
 }
 
-static int envsamp__add_chunk(const float *from, int channels, double weight, double *sum)
+/* Sums of columns between two rows; returns how many pixels are bad. */
+static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
 {
-    if (channels == 1)
-        return envsamp__add_floats(from, 1, weight, sum);
-    return channels == 3 ? envsamp__add_floats(from, 3, weight, sum)
-                         : envsamp__add_floats(from, 4, weight, sum);
-}
-
-/* Sums of a row in red, green and blue; returns how many of its pixels are bad. */
-static size_t envsamp__sum_row(const float *from, int channels, int width, double rgb[3])
-{
-    int step = channels * ENVSAMP__LANES, x, i, c;
-    double sum[4 * ENVSAMP__LANES];
+    const envsamp_image *image = h->map->image;
+    float luminance[ENVSAMP__CHUNK];
     size_t bad = 0;
+    int x, y;
 
-    ENVSAMP_MEMSET(sum, 0, (size_t)step * sizeof(double));
-    rgb[0] = rgb[1] = rgb[2] = 0.0;
-    for (x = 0; x < width; x += ENVSAMP__LANES, from += step)
-        if (x + ENVSAMP__LANES > width || !envsamp__add_chunk(from, channels, 1.0, sum))
-            bad += envsamp__add_pixels(from, channels, envsamp__min(ENVSAMP__LANES, width - x),
-                                       rgb);
-    for (i = 0; i < step; i += channels)
-        for (c = 0; c < 3; c++)
-            rgb[c] += sum[channels == 1 ? i : i + c];
+    ENVSAMP_MEMSET(h->sum, 0, (size_t)image->width * sizeof *h->sum);
+    ENVSAMP_MEMSET(h->lit_count, 0, (size_t)image->width * sizeof *h->lit_count);
+    for (y = y0; y < y1; y++)
+        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
+            const float *value = envsamp__read_luminance(envsamp__pixel_at(image, x, y),
+                                                         image->channels, count, luminance, &bad);
+
+            envsamp__add_floats(value, count, h->map->row_sr ? h->map->row_sr[y] : 1.0,
+                                h->sum + x);
+            if (h->once)
+                envsamp__count_lit(value, count, h->lit_count + x);
+        }
     return bad;
 }
 
-/* How many of a row are above zero. */
-static int envsamp__count_row(const float *row, int width)
+static double envsamp__importance(const envsamp__pixels *map, int x, int y)
 {
-    int lane[ENVSAMP__LANES], lit = 0, x, i;
+    double rgb[3], value = envsamp__texel_value(map->image, x, y, rgb);
 
-    ENVSAMP_MEMSET(lane, 0, sizeof lane);
-    for (x = 0; x + ENVSAMP__LANES <= width; x += ENVSAMP__LANES)
-        for (i = 0; i < ENVSAMP__LANES; i++)
-            lane[i] += row[x + i] > 0.0f;
-    for (i = 0; x + i < width; i++)
-        lane[i] += row[x + i] > 0.0f;
-    for (i = 0; i < ENVSAMP__LANES; i++)
-        lit += lane[i];
-    return lit;
-}
-
-static inline void envsamp__count_lit(const float *run, int count, int *lit)
-{
-    int x;
-
-    for (x = 0; x < count; x++)
-        lit[x] += run[x] > 0.0f;
-}
-
-/* Importance of at most ENVSAMP__LANES columns between two rows, and, where there is one channel,
-   how many of their texels are above zero. */
-static void envsamp__sum_columns(const envsamp__grain *grain, int x, int count, int y0, int y1,
-                                 double *total, int *lit)
-{
-    int channels = grain->channels, whole = count == ENVSAMP__LANES, i, y;
-    double sum[4 * ENVSAMP__LANES];
-
-    ENVSAMP_MEMSET(sum, 0, (size_t)(channels * ENVSAMP__LANES) * sizeof(double));
-    ENVSAMP_MEMSET(total, 0, (size_t)count * sizeof(double));
-    ENVSAMP_MEMSET(lit, 0, (size_t)count * sizeof(int));
-    for (y = y0; y < y1; y++) {
-        const float *from = envsamp__grain_at(grain, x, y);
-        double weight = grain->row_sr ? grain->row_sr[y] : 1.0;
-
-        if (!whole || !envsamp__add_chunk(from, channels, weight, sum))
-            for (i = 0; i < count; i++)         /* a short run, or one with bad pixels */
-                total[i] += weight * envsamp__pixel_luminance(from + i * channels, channels);
-        if (channels == 1 && whole)
-            envsamp__count_lit(from, ENVSAMP__LANES, lit);
-        else if (channels == 1)
-            envsamp__count_lit(from, count, lit);
-    }
-    for (i = 0; i < count; i++)
-        total[i] += envsamp__luminance(sum + i * channels, channels);
+    return map->row_sr ? value * map->row_sr[y] : value;
 }
 
 /* ---- choosing ---- */
@@ -6746,7 +6689,7 @@ static int envsamp__is_short(const envsamp__halftone *h, int64_t lit)
 
 static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
 {
-    double value = envsamp__grain_value(h->grain, x, y);
+    double value = envsamp__importance(h->map, x, y);
 
     if (!(value > 0.0))
         return;
@@ -6891,13 +6834,11 @@ static void envsamp__diffuse(envsamp__halftone *h)
 /* A row of cells in the direction of the scan. */
 static void envsamp__walk_strip(envsamp__halftone *h)
 {
-    int width = h->grain->width, forward = h->step > 0, edge, x, i;
+    int width = h->map->image->width, forward = h->step > 0, edge, x, i;
 
-    h->y0 = envsamp__part_edge(h->strip, h->down, h->grain->height);
-    h->y1 = envsamp__part_edge(h->strip + 1, h->down, h->grain->height);
-    for (x = 0; x < width; x += ENVSAMP__LANES)
-        envsamp__sum_columns(h->grain, x, envsamp__min(ENVSAMP__LANES, width - x), h->y0, h->y1,
-                             h->sum + x, h->lit_count + x);
+    h->y0 = envsamp__part_edge(h->strip, h->down, h->map->image->height);
+    h->y1 = envsamp__part_edge(h->strip + 1, h->down, h->map->image->height);
+    envsamp__sum_columns(h, h->y0, h->y1);
     for (i = 0, edge = forward ? 0 : width; i < h->across; i++) {
         h->cell = forward ? i : h->across - 1 - i;
         h->x0 = forward ? edge : envsamp__part_edge(h->cell, h->across, width);
@@ -6971,9 +6912,9 @@ static void envsamp__take_rest(envsamp__halftone *h)
 {
     int x, y;
 
-    for (y = h->grain->height - 1; y >= 0 && h->chosen == 0; y--)
-        for (x = 0; x < h->grain->width && h->chosen == 0; x++) {
-            double value = envsamp__grain_value(h->grain, x, y);
+    for (y = h->map->image->height - 1; y >= 0 && h->chosen == 0; y--)
+        for (x = 0; x < h->map->image->width && h->chosen == 0; x++) {
+            double value = envsamp__importance(h->map, x, y);
 
             if (value > 0.0)
                 envsamp__take_texel(h, x, y, value);
@@ -6983,12 +6924,12 @@ static void envsamp__take_rest(envsamp__halftone *h)
 }
 
 /* Chooses `wanted` texels of a map with this total, of which `lit` are above zero. */
-static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__grain *grain, double total,
+static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__pixels *map, double total,
                                    int64_t lit, int wanted, envsamp_texel *texels)
 {
     int i;
 
-    h->grain = grain;
+    h->map = map;
     h->texels = texels;
     h->total = total;
     h->lit = lit;
@@ -7013,24 +6954,20 @@ static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__grain *g
 
 /* ---- an importance map ---- */
 
-/* Sum of a map, and how many of its texels are above zero. */
-static envsamp_result envsamp__importance_total(const envsamp__grain *grain, double *total,
-                                                int64_t *lit)
+/* Sum of a map, and, with `once`, how many of its texels are above zero. */
+static envsamp_result envsamp__importance_total(envsamp__halftone *h, double *total, int64_t *lit)
 {
-    int y;
+    int x;
 
+    if (envsamp__sum_columns(h, 0, h->map->image->height))
+        return ENVSAMP_ERR_VALUE;
     *total = 0.0;
     *lit = 0;
-    for (y = 0; y < grain->height; y++) {
-        const float *row = envsamp__grain_at(grain, 0, y);
-        double sum[3];
-
-        if (envsamp__sum_row(row, 1, grain->width, sum))
-            return ENVSAMP_ERR_VALUE;
-        *total += sum[0];
-        *lit += envsamp__count_row(row, grain->width);
+    for (x = 0; x < h->map->image->width; x++) {
+        *total += h->sum[x];
+        *lit += h->lit_count[x];
     }
-    return *lit > 0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
+    return *total > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
@@ -7055,7 +6992,7 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
 }
 
 /* What is wrong with the arguments of a call. */
-static envsamp_result envsamp__halftone_check(const envsamp__grain *grain,
+static envsamp_result envsamp__halftone_check(const envsamp_image *image,
                                               const envsamp_halftone_desc *desc,
                                               const envsamp_texel *texels, int capacity,
                                               envsamp_buffer scratch)
@@ -7063,15 +7000,15 @@ static envsamp_result envsamp__halftone_check(const envsamp__grain *grain,
     envsamp_sizes sizes;
     envsamp_result result;
 
-    if (!grain->pixels || !texels)
+    if (!image->pixels || !texels)
         return ENVSAMP_ERR_NULL;
-    result = envsamp_halftone_sizes(grain->width, grain->height, desc, &sizes);
+    result = envsamp_halftone_sizes(image->width, image->height, desc, &sizes);
     if (result != ENVSAMP_OK)
         return result;
-    if (grain->stride / sizeof(float) < (size_t)grain->width
-        || grain->stride > SIZE_MAX / (size_t)grain->height)
+    if (image->row_stride_bytes / sizeof(float) < (size_t)image->width
+        || image->row_stride_bytes > SIZE_MAX / (size_t)image->height)
         return ENVSAMP_ERR_SIZE;
-    if (grain->stride % sizeof(float) || (uintptr_t)grain->pixels % sizeof(float))
+    if (image->row_stride_bytes % sizeof(float) || (uintptr_t)image->pixels % sizeof(float))
         return ENVSAMP_ERR_ALIGN;
     return capacity < desc->count ? ENVSAMP_ERR_MEMORY
                                   : envsamp__buffers_check(&sizes, scratch, scratch);
@@ -7083,9 +7020,11 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
                                             envsamp_texel *texels, int capacity, int *count,
                                             envsamp_buffer scratch)
 {
-    const envsamp__grain grain = { importance, row_stride_bytes ? row_stride_bytes
-                                                                : (size_t)width * sizeof(float),
-                                   1, NULL, width, height };
+    const envsamp_image image = { importance, width, height, 1,
+                                  row_stride_bytes ? row_stride_bytes
+                                                   : (size_t)width * sizeof(float),
+                                  ENVSAMP_LATLONG };
+    const envsamp__pixels map = { &image, NULL };
     envsamp__arena arena = { NULL, 0 };
     envsamp__halftone h;
     envsamp_result result;
@@ -7096,15 +7035,17 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     if (!count)
         return ENVSAMP_ERR_NULL;
     *count = 0;
-    result = envsamp__halftone_check(&grain, desc, texels, capacity, scratch);
-    if (result == ENVSAMP_OK)
-        result = envsamp__importance_total(&grain, &total, &lit);
+    result = envsamp__halftone_check(&image, desc, texels, capacity, scratch);
     if (result != ENVSAMP_OK)
         return result;
     arena.base = (char *)scratch.data;
     envsamp__halftone_carve(&h, desc, width, height, &arena);
+    h.map = &map;
+    result = envsamp__importance_total(&h, &total, &lit);
+    if (result != ENVSAMP_OK)
+        return result;
     wanted = !desc->once || lit > desc->count ? desc->count : (int)lit;
-    envsamp__halftone_scan(&h, &grain, total, lit, wanted, texels);
+    envsamp__halftone_scan(&h, &map, total, lit, wanted, texels);
     *count = wanted;
     return ENVSAMP_OK;
 }
@@ -7151,7 +7092,7 @@ typedef struct envsamp__patch { double luminance, v[3], rgb[3], sr; } envsamp__p
 
 typedef struct envsamp__patches {
     const envsamp_image *image;
-    const envsamp__grain *grain;
+    const envsamp__pixels *pixels;
     envsamp__patch *at;
     int wide, tall;             /* of a patch, in texels; */
     int across, down;           /* how many there are */
@@ -7171,12 +7112,13 @@ typedef struct envsamp__region {
 } envsamp__region;
 
 /* As few texels in a patch as `most` patches each way allow; narrower where that leaves few. */
-static void envsamp__patches_carve(envsamp__patches *p, const envsamp_image *image,
-                                   const envsamp__grain *grain, int most, envsamp__arena *arena)
+static void envsamp__patches_carve(envsamp__patches *p, const envsamp__pixels *pixels, int most,
+                                   envsamp__arena *arena)
 {
-    ENVSAMP_MEMSET(p, 0, sizeof *p);
+    const envsamp_image *image = pixels->image;
+
     p->image = image;
-    p->grain = grain;
+    p->pixels = pixels;
     for (p->wide = 1; image->width > most * p->wide || image->height > most * p->wide; )
         p->wide *= 2;
     for (p->tall = p->wide; p->tall > 1 && image->height <= most / 4 * p->tall; )
@@ -7277,10 +7219,10 @@ static void envsamp__add_light(const envsamp_image *image, const double rgb[3], 
 static void envsamp__add_texel_light(const envsamp__patches *p, int x, int y,
                                      envsamp__patch *sum)
 {
-    double rgb[3] = { 0.0, 0.0, 0.0 }, dir[3], sr = p->grain->row_sr[y];
+    double rgb[3], dir[3], sr = p->pixels->row_sr[y];
     int c;
 
-    envsamp__add_pixels(envsamp__grain_at(p->grain, x, y), p->grain->channels, 1, rgb);
+    envsamp__texel_value(p->image, x, y, rgb);
     for (c = 0; c < 3; c++)
         rgb[c] *= sr;
     envsamp__table_dir(p, x, y, dir);
@@ -7302,48 +7244,41 @@ static void envsamp__add_patch(const envsamp__patch *patch, envsamp__patch *sum)
     sum->sr = b.sr + a.sr;
 }
 
-/* Whether all of ENVSAMP__LANES texels count. */
-static int envsamp__all_count(const envsamp__patches *p, int x, int y)
-{
-    int i, found = 0;
-
-    for (i = 0; i < ENVSAMP__LANES && p->labels; i++)
-        found += p->labels[(size_t)y * (size_t)p->image->width + (size_t)(x + i)] == p->label;
-    return !p->labels || found == ENVSAMP__LANES;
-}
-
-/* Sums of the channels of at most ENVSAMP__LANES columns of texels by solid angle, and that.
+/* Sums of the channels of at most ENVSAMP__CHUNK columns between two rows by solid angle, and that.
    Returns how many pixels are bad. */
-static size_t envsamp__sum_texel_columns(const envsamp__patches *p, envsamp__region r, double *sum,
-                                         double *sr)
+static size_t envsamp__sum_texel_columns(const envsamp__patches *p, int x, int count, int y0,
+                                         int y1, double *sum, double *sr)
 {
-    const envsamp__grain *grain = p->grain;
-    int channels = grain->channels, end = r.y1, x, y, i, c;
+    int channels = p->image->channels, y, i, end;
+    float mended[4 * ENVSAMP__CHUNK];
     double whole = 0.0;
     size_t bad = 0;
 
-    ENVSAMP_MEMSET(sum, 0, (size_t)(channels * ENVSAMP__LANES) * sizeof(double));
-    ENVSAMP_MEMSET(sr, 0, ENVSAMP__LANES * sizeof(double));
-    for (; r.y0 < end; r.y0++) {
-        double row_sr = grain->row_sr[r.y0];
+    ENVSAMP_MEMSET(sum, 0, (size_t)(channels * count) * sizeof *sum);
+    ENVSAMP_MEMSET(sr, 0, (size_t)count * sizeof *sr);
+    for (y = y0; y < y1; y++) {
+        const uint8_t *label = p->labels ? p->labels + (size_t)y * (size_t)p->image->width
+                                           + (size_t)x : NULL;
+        double row_sr = p->pixels->row_sr[y];
+        const float *pixel = NULL;
 
-        if (r.x1 - r.x0 == ENVSAMP__LANES && envsamp__all_count(p, r.x0, r.y0)
-            && envsamp__add_chunk(envsamp__grain_at(grain, r.x0, r.y0), channels, row_sr, sum)) {
-            whole += row_sr;
-            continue;
-        }
-        r.y1 = (uint16_t)(r.y0 + 1);
-        for (x = r.x0 - 1, y = r.y0; envsamp__next_texel(p, &r, &x, &y); ) {
-            float rgb[3];
-
-            i = x - r.x0;
-            bad += (size_t)envsamp__mend_pixel(envsamp__grain_at(grain, x, y), channels, rgb);
-            for (c = 0; c < envsamp__min(channels, 3); c++)
-                sum[i * channels + c] += row_sr * (double)rgb[c];
-            sr[i] += row_sr;
+        for (i = 0; i < count; i = end) {       /* runs of texels that count */
+            while (label && i < count && label[i] != p->label)
+                i++;
+            for (end = label ? i : count; end < count && label[end] == p->label; )
+                end++;
+            if (!pixel && i < end)
+                pixel = envsamp__read_pixels(envsamp__pixel_at(p->image, x, y), channels, count,
+                                             mended, &bad);
+            if (i < end)
+                envsamp__add_floats(pixel + i * channels, channels * (end - i), row_sr,
+                                    sum + i * channels);
+            whole += end - i == count ? row_sr : 0.0;
+            for (; i < end && end - i < count; i++)
+                sr[i] += row_sr;
         }
     }
-    for (i = 0; i < ENVSAMP__LANES; i++)
+    for (i = 0; i < count; i++)
         sr[i] += whole;
     return bad;
 }
@@ -7353,30 +7288,27 @@ static size_t envsamp__make_patches(envsamp__patches *p)
 {
     const envsamp_image *image = p->image;
     int width = image->width, height = image->height, channels = image->channels, x, y, k, c;
-    double sum[4 * ENVSAMP__LANES], sr[ENVSAMP__LANES], dir[3];
-    envsamp__region r;
+    double sum[4 * ENVSAMP__CHUNK], sr[ENVSAMP__CHUNK], dir[3];
     size_t bad = 0;
 
-    ENVSAMP_MEMSET(&r, 0, sizeof r);
     ENVSAMP_MEMSET(p->at, 0, (size_t)(p->across * p->down) * sizeof *p->at);
     envsamp__fill_angles(p, p->azimuth, width, p->wide, 2.0);
     envsamp__fill_angles(p, p->polar, height, p->tall,
                          image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
     for (y = 0; y < p->down; y++)
-        for (x = 0; x < width; x += ENVSAMP__LANES) {
-            r.x0 = (uint16_t)x;
-            r.x1 = (uint16_t)envsamp__min(x + ENVSAMP__LANES, width);
-            r.y0 = (uint16_t)(y * p->tall);
-            r.y1 = (uint16_t)envsamp__min((y + 1) * p->tall, height);
-            bad += envsamp__sum_texel_columns(p, r, sum, sr);
-            for (k = x; k < r.x1; ) {
-                int patch = k / p->wide, end = envsamp__min((patch + 1) * p->wide, r.x1);
+        for (x = 0; x < width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, width - x), end;
+
+            bad += envsamp__sum_texel_columns(p, x, count, y * p->tall,
+                                              envsamp__min((y + 1) * p->tall, height), sum, sr);
+            for (k = 0; k < count; k = end) {
+                int patch = (x + k) / p->wide;
                 double rgb[3] = { 0.0, 0.0, 0.0 }, patch_sr = 0.0;
 
-                for (; k < end; k++) {
+                for (end = envsamp__min((patch + 1) * p->wide - x, count); k < end; k++) {
                     for (c = 0; c < envsamp__min(channels, 3); c++)
-                        rgb[c] += sum[(k - x) * channels + c];
-                    patch_sr += sr[k - x];
+                        rgb[c] += sum[k * channels + c];
+                    patch_sr += sr[k];
                 }
                 envsamp__table_dir(p, width + patch, height + y, dir);
                 envsamp__add_light(image, rgb, patch_sr, dir, &p->at[y * p->across + patch]);
@@ -7416,13 +7348,11 @@ typedef struct envsamp__cuts {
     double weight[3];               /* DECOMPOSED: of spread, extent and luminance in a key */
 } envsamp__cuts;
 
-static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp_image *image,
-                                const envsamp__grain *grain, envsamp_lights_method rule, int most,
-                                envsamp__arena *arena)
+static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp__pixels *pixels,
+                                envsamp_lights_method rule, int most, envsamp__arena *arena)
 {
-    ENVSAMP_MEMSET(cuts, 0, sizeof *cuts);
     cuts->rule = rule;
-    envsamp__patches_carve(&cuts->patches, image, grain, rule == ENVSAMP_LIGHTS_RELAXED
+    envsamp__patches_carve(&cuts->patches, pixels, rule == ENVSAMP_LIGHTS_RELAXED
                            ? ENVSAMP__PIECE_PATCHES : ENVSAMP__PATCHES_MAX, arena);
     cuts->regions = ENVSAMP__TAKE(envsamp__region, arena, most);
     cuts->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__PATCHES_MAX);
@@ -7739,15 +7669,14 @@ typedef struct envsamp__relaxation {
     float *reach;               /* squared chord of each piece to its light */
 } envsamp__relaxation;
 
-static void envsamp__relaxation_carve(envsamp__relaxation *r, const envsamp_image *image,
-                                      const envsamp__grain *grain, int lights,
-                                      envsamp__arena *arena)
+static void envsamp__relaxation_carve(envsamp__relaxation *r, const envsamp__pixels *pixels,
+                                      int lights, envsamp__arena *arena)
 {
     size_t groups = ENVSAMP__POINT_GROUPS(lights);
 
     r->lights = lights;
     r->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * lights, ENVSAMP__PIECES_MAX);
-    envsamp__cuts_carve(&r->cuts, image, grain, ENVSAMP_LIGHTS_RELAXED, r->most, arena);
+    envsamp__cuts_carve(&r->cuts, pixels, ENVSAMP_LIGHTS_RELAXED, r->most, arena);
     r->points = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(r->most));
     r->places = ENVSAMP__TAKE(envsamp__points, arena, groups);
     r->movers = ENVSAMP__TAKE(envsamp__mover, arena, lights);
@@ -8234,7 +8163,7 @@ static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double lumi
 #define ENVSAMP__BINS 65536
 
 typedef struct envsamp__emission {
-    const envsamp__grain *grain;
+    const envsamp__pixels *pixels;
     float *map;                 /* luminance of the texels, row after row */
     uint8_t *labels;            /* of them */
     double *bins;               /* solid angle by luminance */
@@ -8252,20 +8181,20 @@ enum {
     ENVSAMP__DRAWN              /* emissive, with a light */
 };
 
-static void envsamp__emission_carve(envsamp__emission *e, const envsamp__grain *grain,
+static void envsamp__emission_carve(envsamp__emission *e, const envsamp__pixels *pixels,
                                     envsamp__arena *arena)
 {
-    uint64_t texels = (uint64_t)grain->width * (uint64_t)grain->height;
+    uint64_t texels = (uint64_t)pixels->image->width * (uint64_t)pixels->image->height;
 
     ENVSAMP_MEMSET(e, 0, sizeof *e);
-    e->grain = grain;
+    e->pixels = pixels;
     e->map = ENVSAMP__TAKE(float, arena, texels);
     e->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
 }
 
 static float *envsamp__emission_row(const envsamp__emission *e, int y)
 {
-    return e->map + (size_t)y * (size_t)e->grain->width;
+    return e->map + (size_t)y * (size_t)e->pixels->image->width;
 }
 
 /* Adds luminance of a row, counts texels above zero, and finds the brightest. In lanes, texel i of
@@ -8275,7 +8204,7 @@ static double envsamp__survey_luminance(envsamp__emission *e, const float *row)
     double sum[ENVSAMP__LANES], total = 0.0;
     float most[ENVSAMP__LANES];
     int32_t lit[ENVSAMP__LANES];
-    int width = e->grain->width, x, i;
+    int width = e->pixels->image->width, x, i;
 
     ENVSAMP_MEMSET(sum, 0, sizeof sum);
     ENVSAMP_MEMSET(most, 0, sizeof most);
@@ -8302,16 +8231,16 @@ static double envsamp__survey_luminance(envsamp__emission *e, const float *row)
 /* Writes luminance, and finds its sum and maximum; returns how many pixels are bad. */
 static size_t envsamp__survey_emission(envsamp__emission *e)
 {
-    int width = e->grain->width, y;
+    int width = e->pixels->image->width, y;
     size_t bad = 0;
 
-    for (y = 0; y < e->grain->height; y++) {
+    for (y = 0; y < e->pixels->image->height; y++) {
         float *row = envsamp__emission_row(e, y);
 
-        bad += envsamp__luminance_row(envsamp__grain_at(e->grain, 0, y), e->grain->channels,
-                                      width, row);
-        e->total += envsamp__survey_luminance(e, row) * e->grain->row_sr[y];
-        e->total_sr += (double)width * e->grain->row_sr[y];
+        bad += envsamp__luminance_row(e->pixels->image, envsamp__pixel_at(e->pixels->image, 0, y),
+                                      row);
+        e->total += envsamp__survey_luminance(e, row) * e->pixels->row_sr[y];
+        e->total_sr += (double)width * e->pixels->row_sr[y];
     }
     return bad;
 }
@@ -8350,10 +8279,10 @@ static uint32_t envsamp__find_bin(const double *bins, double target, double *sum
    where that is `upper`, by the lower half. */
 static void envsamp__fill_bins(const envsamp__emission *e, float threshold, const uint32_t *upper)
 {
-    int width = e->grain->width, x, y, i;
+    int width = e->pixels->image->width, x, y, i;
 
     ENVSAMP_MEMSET(e->bins, 0, ENVSAMP__BINS * sizeof *e->bins);
-    for (y = 0; y < e->grain->height; y++)
+    for (y = 0; y < e->pixels->image->height; y++)
         for (x = 0; x < width; x += ENVSAMP__LANES) {
             const float *row = envsamp__emission_row(e, y) + x;
             int count = envsamp__min(ENVSAMP__LANES, width - x);
@@ -8364,9 +8293,9 @@ static void envsamp__fill_bins(const envsamp__emission *e, float threshold, cons
                 uint32_t bits = envsamp__float_bits(row[i]);
 
                 if (row[i] > threshold && !upper)
-                    e->bins[bits >> 16] += e->grain->row_sr[y];
+                    e->bins[bits >> 16] += e->pixels->row_sr[y];
                 else if (row[i] > threshold && bits >> 16 == *upper)
-                    e->bins[bits & 0xffffu] += e->grain->row_sr[y];
+                    e->bins[bits & 0xffffu] += e->pixels->row_sr[y];
             }
         }
 }
@@ -8407,12 +8336,12 @@ static int envsamp__label_texels(const float *row, int count, float threshold, u
    worth. */
 static void envsamp__split_emission(envsamp__emission *e, float threshold)
 {
-    int width = e->grain->width, x, y;
+    int width = e->pixels->image->width, x, y;
     int64_t emissive = 0;
 
     e->threshold = threshold;
     e->luminance[1] = e->sr[1] = 0.0;
-    for (y = 0; y < e->grain->height; y++) {
+    for (y = 0; y < e->pixels->image->height; y++) {
         const float *row = envsamp__emission_row(e, y);
         uint8_t *label = e->labels + (size_t)y * (size_t)width;
         double sum = 0.0;
@@ -8421,8 +8350,8 @@ static void envsamp__split_emission(envsamp__emission *e, float threshold)
         for (x = 0; x < width; x += ENVSAMP__LANES)
             count += envsamp__label_texels(row + x, envsamp__min(ENVSAMP__LANES, width - x),
                                            threshold, label + x, &sum);
-        e->luminance[1] += sum * e->grain->row_sr[y];
-        e->sr[1] += (double)count * e->grain->row_sr[y];
+        e->luminance[1] += sum * e->pixels->row_sr[y];
+        e->sr[1] += (double)count * e->pixels->row_sr[y];
         emissive += count;
     }
     e->luminance[0] = emissive < e->lit ? envsamp__max(e->total - e->luminance[1], DBL_MIN) : 0.0;
@@ -8446,7 +8375,7 @@ static void envsamp__find_emission(envsamp__emission *e, const envsamp_lights_de
 typedef struct envsamp__lights {
     const envsamp_image *image;
     const envsamp_lights_desc *desc;
-    envsamp__grain grain;
+    envsamp__pixels pixels;
     envsamp__halftone halftone;
     envsamp_halftone_desc halftone_desc;
     envsamp_texel *texels;          /* that were chosen, or on which EnvDirects stand */
@@ -8641,30 +8570,19 @@ static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
 
 /* ---- lights of any method ---- */
 
-/* The image to be looked at texel by texel, with memory for solid angles of its rows. */
-static void envsamp__image_grain(const envsamp_image *image, envsamp__grain *grain,
-                                 envsamp__arena *arena)
-{
-    grain->pixels = image->pixels;
-    grain->channels = image->channels;
-    grain->stride = envsamp__row_stride(image);
-    grain->width = image->width;
-    grain->height = image->height;
-    grain->row_sr = ENVSAMP__TAKE(double, arena, image->height);
-}
-
 static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image,
                                   const envsamp_lights_desc *desc, envsamp__arena *arena)
 {
     ENVSAMP_MEMSET(l, 0, sizeof *l);
     l->image = image;
     l->desc = desc;
-    envsamp__image_grain(image, &l->grain, arena);
+    l->pixels.image = image;
+    l->pixels.row_sr = ENVSAMP__TAKE(double, arena, image->height);
     if (desc->method != ENVSAMP_LIGHTS_MEDIAN_CUT && desc->method != ENVSAMP_LIGHTS_VARIANCE_CUT)
         l->texels = ENVSAMP__TAKE(envsamp_texel, arena, desc->count);
     if (desc->method == ENVSAMP_LIGHTS_MEDIAN_CUT || desc->method == ENVSAMP_LIGHTS_VARIANCE_CUT
         || desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        envsamp__cuts_carve(&l->cuts, image, &l->grain, desc->method, desc->count, arena);
+        envsamp__cuts_carve(&l->cuts, &l->pixels, desc->method, desc->count, arena);
     } else {
         l->halftone_desc.count = desc->count;
         l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
@@ -8674,9 +8592,9 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
                                 arena);
     }
     if (desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
-        envsamp__relaxation_carve(&l->relaxation, image, &l->grain, desc->count, arena);
+        envsamp__relaxation_carve(&l->relaxation, &l->pixels, desc->count, arena);
     if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        envsamp__emission_carve(&l->emission, &l->grain, arena);
+        envsamp__emission_carve(&l->emission, &l->pixels, arena);
         l->emission.labels = (uint8_t *)envsamp__take(arena, (uint64_t)image->width
                                                       * (uint64_t)image->height, 1);
         l->cuts.patches.labels = l->relaxation.cuts.patches.labels = l->emission.labels;
@@ -8689,21 +8607,28 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
 static void envsamp__survey_rows(envsamp__lights *l)
 {
     const envsamp_image *image = l->image;
-    double rgb[3];
-    int y, c;
+    double sum[4 * ENVSAMP__CHUNK] = { 0.0 };
+    float mended[4 * ENVSAMP__CHUNK];
+    int x, y, c;
 
-    for (y = 0; y < image->height; y++) {
-        l->info.bad_pixel_count += envsamp__sum_row(envsamp__image_row(image, l->grain.stride, y),
-                                                    image->channels, image->width, rgb);
+    for (y = 0; y < image->height; y++)
+        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
+            const float *pixel = envsamp__read_pixels(envsamp__pixel_at(image, x, y),
+                                                      image->channels, count, mended,
+                                                      &l->info.bad_pixel_count);
+
+            envsamp__add_floats(pixel, image->channels * count, l->pixels.row_sr[y], sum);
+        }
+    for (x = 0; x < ENVSAMP__CHUNK; x++)
         for (c = 0; c < 3; c++)
-            l->info.integral[c] += rgb[c] * l->grain.row_sr[y];
-    }
+            l->info.integral[c] += sum[x * image->channels + (image->channels == 1 ? 0 : c)];
 }
 static void envsamp__survey(envsamp__lights *l)
 {
     envsamp__cuts *cuts = l->cuts.regions ? &l->cuts : &l->relaxation.cuts;
 
-    envsamp__fill_row_sr(l->image, l->grain.row_sr);
+    envsamp__fill_row_sr(l->image, l->pixels.row_sr);
     if (l->desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
         l->info.bad_pixel_count = envsamp__survey_emission(&l->emission);
         l->luminance = l->emission.total;
@@ -8726,15 +8651,12 @@ static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *light
 
     for (i = 0; i < count; i += same) {
         envsamp_texel texel = l->texels[i];
-        const float *from = envsamp__grain_at(&l->grain, texel.x, texel.y);
-        double sr = l->luminance / (double)count
-                  / envsamp__pixel_luminance(from, image->channels);
-        float rgb[3];
+        double rgb[3], sr = l->luminance / (double)count
+                          / envsamp__texel_value(image, texel.x, texel.y, rgb);
 
         for (same = 1; i + same < count && l->texels[i + same].x == texel.x
                        && l->texels[i + same].y == texel.y; same++)
             continue;
-        envsamp__mend_pixel(from, image->channels, rgb);
         for (k = 0; k < same; k++) {
             double down = 0.5 + 0.61803398874989485 * (double)k, size = sr;
             double across = ((double)k + 0.5) / (double)same;
@@ -8746,7 +8668,7 @@ static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *light
                               (float)(((double)texel.y + down) / (double)image->height),
                               light->dir);
             for (c = 0; c < 3; c++)
-                light->irradiance[c] = envsamp__to_float((double)rgb[c] * sr);
+                light->irradiance[c] = envsamp__to_float(rgb[c] * sr);
             size = size < 4.0 * ENVSAMP__PI ? size : 4.0 * ENVSAMP__PI;
             light->solid_angle = (float)size;
             light->cos_extent = (float)(1.0 - size / (2.0 * ENVSAMP__PI));
@@ -8787,7 +8709,7 @@ static void envsamp__choose_lights(envsamp__lights *l, envsamp_light *lights)
     } else if (l->desc->method != ENVSAMP_LIGHTS_RELAXED
                || !envsamp__relax_lights(&l->relaxation, l->desc->refine_rounds, l->luminance,
                                          l->info.integral, lights)) {
-        envsamp__halftone_scan(&l->halftone, &l->grain, l->luminance, 0, l->desc->count,
+        envsamp__halftone_scan(&l->halftone, &l->pixels, l->luminance, 0, l->desc->count,
                                l->texels);
         envsamp__texel_lights(l, lights);
     }
@@ -8903,7 +8825,7 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     envsamp_lights_desc filled = envsamp__lights_filled(desc);
     envsamp__arena arena = { NULL, 0 };
     envsamp__emission e;
-    envsamp__grain grain;
+    envsamp__pixels pixels;
     envsamp_sizes sizes;
     envsamp_result result;
     size_t bad;
@@ -8918,8 +8840,9 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
         result = envsamp__floats_check(image->pixels);
     if (result != ENVSAMP_OK)
         return result;
-    envsamp__image_grain(image, &grain, &arena);
-    envsamp__emission_carve(&e, &grain, &arena);
+    pixels.image = image;
+    pixels.row_sr = ENVSAMP__TAKE(double, &arena, image->height);
+    envsamp__emission_carve(&e, &pixels, &arena);
     result = envsamp__set_sizes(&sizes, 0, arena.used);
     if (result == ENVSAMP_OK)
         result = envsamp__buffers_check(&sizes, scratch, scratch);
@@ -8927,10 +8850,10 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
         return result;
     arena.base = (char *)scratch.data;
     arena.used = 0;
-    envsamp__image_grain(image, &grain, &arena);
-    envsamp__emission_carve(&e, &grain, &arena);
+    pixels.row_sr = ENVSAMP__TAKE(double, &arena, image->height);
+    envsamp__emission_carve(&e, &pixels, &arena);
     e.labels = mask;
-    envsamp__fill_row_sr(image, grain.row_sr);
+    envsamp__fill_row_sr(image, pixels.row_sr);
     bad = envsamp__survey_emission(&e);
     if (desc->strict && bad)
         return ENVSAMP_ERR_VALUE;
