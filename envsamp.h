@@ -7111,27 +7111,6 @@ typedef struct envsamp__region {
     envsamp__patch sum;
 } envsamp__region;
 
-/* As few texels in a patch as `most` patches each way allow; narrower where that leaves few. */
-static void envsamp__patches_carve(envsamp__patches *p, const envsamp__pixels *pixels, int most,
-                                   envsamp__arena *arena)
-{
-    const envsamp_image *image = pixels->image;
-
-    p->image = image;
-    p->pixels = pixels;
-    for (p->wide = 1; image->width > most * p->wide || image->height > most * p->wide; )
-        p->wide *= 2;
-    for (p->tall = p->wide; p->tall > 1 && image->height <= most / 4 * p->tall; )
-        p->tall /= 2;
-    while (p->wide > 1 && image->width <= most / 4 * p->wide)
-        p->wide /= 2;
-    p->across = (image->width + p->wide - 1) / p->wide;
-    p->down = (image->height + p->tall - 1) / p->tall;
-    p->at = ENVSAMP__TAKE(envsamp__patch, arena, p->across * p->down);
-    p->azimuth = ENVSAMP__TAKE(double, arena, 2 * (image->width + p->across));
-    p->polar = ENVSAMP__TAKE(double, arena, 2 * (image->height + p->down));
-}
-
 static double envsamp__dot(const double a[3], const double b[3])
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -7283,40 +7262,6 @@ static size_t envsamp__sum_texel_columns(const envsamp__patches *p, int x, int c
     return bad;
 }
 
-/* Returns how many pixels are bad. */
-static size_t envsamp__make_patches(envsamp__patches *p)
-{
-    const envsamp_image *image = p->image;
-    int width = image->width, height = image->height, channels = image->channels, x, y, k, c;
-    double sum[4 * ENVSAMP__CHUNK], sr[ENVSAMP__CHUNK], dir[3];
-    size_t bad = 0;
-
-    ENVSAMP_MEMSET(p->at, 0, (size_t)(p->across * p->down) * sizeof *p->at);
-    envsamp__fill_angles(p, p->azimuth, width, p->wide, 2.0);
-    envsamp__fill_angles(p, p->polar, height, p->tall,
-                         image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
-    for (y = 0; y < p->down; y++)
-        for (x = 0; x < width; x += ENVSAMP__CHUNK) {
-            int count = envsamp__min(ENVSAMP__CHUNK, width - x), end;
-
-            bad += envsamp__sum_texel_columns(p, x, count, y * p->tall,
-                                              envsamp__min((y + 1) * p->tall, height), sum, sr);
-            for (k = 0; k < count; k = end) {
-                int patch = (x + k) / p->wide;
-                double rgb[3] = { 0.0, 0.0, 0.0 }, patch_sr = 0.0;
-
-                for (end = envsamp__min((patch + 1) * p->wide - x, count); k < end; k++) {
-                    for (c = 0; c < envsamp__min(channels, 3); c++)
-                        rgb[c] += sum[k * channels + c];
-                    patch_sr += sr[k];
-                }
-                envsamp__table_dir(p, width + patch, height + y, dir);
-                envsamp__add_light(image, rgb, patch_sr, dir, &p->at[y * p->across + patch]);
-            }
-        }
-    return bad;
-}
-
 /* How long a rectangle is on the sphere, across or down, in half turns. */
 static double envsamp__extent(const envsamp_image *image, const envsamp__region *r, int down)
 {
@@ -7348,12 +7293,29 @@ typedef struct envsamp__cuts {
     double weight[3];               /* DECOMPOSED: of spread, extent and luminance in a key */
 } envsamp__cuts;
 
+/* For `most` regions. A patch has as few texels as so many patches each way allow; it is narrower
+   where that leaves few. */
 static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp__pixels *pixels,
                                 envsamp_lights_method rule, int most, envsamp__arena *arena)
 {
+    int side = rule == ENVSAMP_LIGHTS_RELAXED ? ENVSAMP__PIECE_PATCHES : ENVSAMP__PATCHES_MAX;
+    const envsamp_image *image = pixels->image;
+    envsamp__patches *p = &cuts->patches;
+
+    p->image = image;
+    p->pixels = pixels;
+    for (p->wide = 1; envsamp__max_int(image->width, image->height) > side * p->wide; )
+        p->wide *= 2;
+    for (p->tall = p->wide; p->tall > 1 && image->height <= side / 4 * p->tall; )
+        p->tall /= 2;
+    while (p->wide > 1 && image->width <= side / 4 * p->wide)
+        p->wide /= 2;
+    p->across = (image->width + p->wide - 1) / p->wide;
+    p->down = (image->height + p->tall - 1) / p->tall;
+    p->at = ENVSAMP__TAKE(envsamp__patch, arena, p->across * p->down);
+    p->azimuth = ENVSAMP__TAKE(double, arena, 2 * (image->width + p->across));
+    p->polar = ENVSAMP__TAKE(double, arena, 2 * (image->height + p->down));
     cuts->rule = rule;
-    envsamp__patches_carve(&cuts->patches, pixels, rule == ENVSAMP_LIGHTS_RELAXED
-                           ? ENVSAMP__PIECE_PATCHES : ENVSAMP__PATCHES_MAX, arena);
     cuts->regions = ENVSAMP__TAKE(envsamp__region, arena, most);
     cuts->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__PATCHES_MAX);
 }
@@ -7559,10 +7521,36 @@ static void envsamp__cut_top(envsamp__cuts *cuts)
 /* Makes patches, and one region, the whole map; returns how many pixels are bad. */
 static size_t envsamp__begin_cuts(envsamp__cuts *cuts)
 {
-    const envsamp_image *image = cuts->patches.image;
-    size_t bad = envsamp__make_patches(&cuts->patches);
+    envsamp__patches *p = &cuts->patches;
+    const envsamp_image *image = p->image;
+    int width = image->width, height = image->height, channels = image->channels, x, y, k, c;
+    double sum[4 * ENVSAMP__CHUNK], sr[ENVSAMP__CHUNK], dir[3];
+    size_t bad = 0;
 
-    cuts->regions[0] = envsamp__make_region(cuts, 0, 0, image->width, image->height);
+    ENVSAMP_MEMSET(p->at, 0, (size_t)(p->across * p->down) * sizeof *p->at);
+    envsamp__fill_angles(p, p->azimuth, width, p->wide, 2.0);
+    envsamp__fill_angles(p, p->polar, height, p->tall,
+                         image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
+    for (y = 0; y < p->down; y++)
+        for (x = 0; x < width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, width - x), end;
+
+            bad += envsamp__sum_texel_columns(p, x, count, y * p->tall,
+                                              envsamp__min((y + 1) * p->tall, height), sum, sr);
+            for (k = 0; k < count; k = end) {
+                int patch = (x + k) / p->wide;
+                double rgb[3] = { 0.0, 0.0, 0.0 }, patch_sr = 0.0;
+
+                for (end = envsamp__min((patch + 1) * p->wide - x, count); k < end; k++) {
+                    for (c = 0; c < envsamp__min(channels, 3); c++)
+                        rgb[c] += sum[k * channels + c];
+                    patch_sr += sr[k];
+                }
+                envsamp__table_dir(p, width + patch, height + y, dir);
+                envsamp__add_light(image, rgb, patch_sr, dir, &p->at[y * p->across + patch]);
+            }
+        }
+    cuts->regions[0] = envsamp__make_region(cuts, 0, 0, width, height);
     envsamp__set_key(cuts, cuts->regions);
     cuts->count = 1;
     return bad;
@@ -7899,12 +7887,6 @@ static void envsamp__place_lights(envsamp__relaxation *r)
         envsamp__set_point(r->places, k, r->movers[k].axis, r->movers[k].weight);
 }
 
-/* Half the slope of the energy in a light's weight. */
-static double envsamp__slope(const envsamp__mover *m)
-{
-    return m->chord - m->lights_chord;
-}
-
 /* Sums where the lights are now; then lets each light exchange weight with that with which the
    energy falls most, in turns. */
 static void envsamp__weigh_lights(envsamp__relaxation *r, int sweeps)
@@ -7929,7 +7911,7 @@ static void envsamp__weigh_lights(envsamp__relaxation *r, int sweeps)
             envsamp__fill_row(r, k, r->row);
             for (i = 0; i < r->lights; i++) {
                 double chord = (double)r->row[i], step = 0.0;
-                double fall = envsamp__slope(&m[k]) - envsamp__slope(&m[i]);
+                double fall = m[k].chord - m[k].lights_chord - m[i].chord + m[i].lights_chord;
 
                 if (chord > 1e-9)
                     step = envsamp__clamp(fall / (2.0 * chord), -m[i].weight, m[k].weight);
@@ -7950,149 +7932,117 @@ static void envsamp__weigh_lights(envsamp__relaxation *r, int sweeps)
         }
 }
 
-/* Takes a step with all lights: the other lights push each off, the pieces pull. Momentum step:
-   lights whose direction reversed restart. */
-static void envsamp__step_lights(envsamp__relaxation *r, double momentum)
+/* Takes a step with a light: the other lights push it off, the pieces pull. Momentum step: a light
+   whose direction reversed restarts. */
+static void envsamp__step_light(envsamp__relaxation *r, int k, double momentum)
 {
-    int k, c;
+    envsamp__mover *m = &r->movers[k];
+    double push[5], v[3], along = 0.0;
+    float to[3];
+    int c;
 
-    envsamp__place_lights(r);
-    for (k = 0; k < r->lights; k++) {
-        envsamp__mover *m = &r->movers[k];
-        double push[5], v[3], along = 0.0;
-        float to[3];
-
-        envsamp__sum_field(r, k, 1, push);
-        for (c = 0; c < 3; c++)
-            v[c] = m->toward[c] + push[3] * (double)m->axis[c] - push[c];
-        ENVSAMP_MEMCPY(to, m->axis, sizeof to);
-        envsamp__normalise(v, to);
-        for (c = 0; c < 3; c++) {
-            v[c] = (double)to[c] - (double)m->next[c];
-            along += v[c] * ((double)to[c] - (double)m->axis[c]);
-        }
-        for (c = 0; c < 3; c++)
-            v[c] = (double)to[c] + (along < 0.0 ? 0.0 : momentum * v[c]);
-        ENVSAMP_MEMCPY(m->next, to, sizeof to);
-        envsamp__normalise(v, m->axis);
+    envsamp__sum_field(r, k, 1, push);
+    for (c = 0; c < 3; c++)
+        v[c] = m->toward[c] + push[3] * (double)m->axis[c] - push[c];
+    ENVSAMP_MEMCPY(to, m->axis, sizeof to);
+    envsamp__normalise(v, to);
+    for (c = 0; c < 3; c++) {
+        v[c] = (double)to[c] - (double)m->next[c];
+        along += v[c] * ((double)to[c] - (double)m->axis[c]);
     }
+    for (c = 0; c < 3; c++)
+        v[c] = (double)to[c] + (along < 0.0 ? 0.0 : momentum * v[c]);
+    ENVSAMP_MEMCPY(m->next, to, sizeof to);
+    envsamp__normalise(v, m->axis);
 }
 
-/* Some rounds of moves, and weights after each and before; keeps the lights of least energy. */
+/* Some rounds of moves, and weights after each and before; then the lights go to where the energy
+   was least, now or before. */
 static void envsamp__move_lights(envsamp__relaxation *r, int rounds)
 {
     envsamp__mover *m = r->movers;
     int i, k;
 
+    for (k = 0; k < r->lights; k++)
+        ENVSAMP_MEMCPY(m[k].next, m[k].axis, sizeof m[k].next);
     for (i = 0; i <= rounds; i++) {
         double energy = 0.0;
 
         envsamp__weigh_lights(r, 2);
-        for (k = 0; k < r->lights; k++) {
-            energy += m[k].weight * (m[k].chord + envsamp__slope(&m[k]));
-            if (i == 0)
-                ENVSAMP_MEMCPY(m[k].next, m[k].axis, sizeof m[k].next);
-        }
+        for (k = 0; k < r->lights; k++)
+            energy += m[k].weight * (2.0 * m[k].chord - m[k].lights_chord);
         for (k = 0; k < r->lights && energy < r->energy; k++) {
             ENVSAMP_MEMCPY(m[k].best, m[k].axis, sizeof m[k].best);
             m[k].best_weight = m[k].weight;
         }
         r->energy = energy < r->energy ? energy : r->energy;
-        if (i < rounds)
-            envsamp__step_lights(r, (double)i / (double)(i + 3));
+        envsamp__place_lights(r);
+        for (k = 0; k < r->lights && i < rounds; k++)
+            envsamp__step_light(r, k, (double)i / (double)(i + 3));
     }
-}
-
-/* Takes the lights back to where the energy was least. */
-static void envsamp__restore_lights(envsamp__relaxation *r)
-{
-    int k;
-
     for (k = 0; k < r->lights; k++) {
-        ENVSAMP_MEMCPY(r->movers[k].axis, r->movers[k].best, sizeof r->movers[k].best);
-        r->movers[k].weight = r->movers[k].best_weight;
+        ENVSAMP_MEMCPY(m[k].axis, m[k].best, sizeof m[k].best);
+        m[k].weight = m[k].best_weight;
     }
 }
 
 /* ---- lights sent elsewhere ---- */
 
-/* What a piece adds to the work of its light: luminance x chord. */
-static double envsamp__piece_work(const envsamp__relaxation *r, int i)
-{
-    return r->cuts.regions[i].sum.luminance * (double)ENVSAMP_SQRTF(r->reach[i]);
-}
-
-/* The piece with most work of the light with most weight x work of those not tried, but one; -1 if
-   there is none. */
+/* The piece with most work, luminance x chord to its light, of the light with most weight x work of
+   those not tried, but one; -1 if there is none. */
 static int envsamp__busy_piece(envsamp__relaxation *r, int but)
 {
-    const envsamp__region *pieces = r->cuts.regions;
+    envsamp__region *pieces = r->cuts.regions;
     envsamp__mover *m = r->movers;
     double most = 0.0, work = 0.0;
     int i, k, busy = -1, at = -1;
 
     for (k = 0; k < r->lights; k++)
         m[k].chord = 0.0;
-    for (i = 0; i < r->cuts.count; i++)
-        m[pieces[i].light].chord += envsamp__piece_work(r, i);
+    for (i = 0; i < r->cuts.count; i++) {
+        pieces[i].key = pieces[i].sum.luminance * (double)ENVSAMP_SQRTF(r->reach[i]);
+        m[pieces[i].light].chord += pieces[i].key;
+    }
     for (k = 0; k < r->lights; k++)
         if (k != but && !m[k].tried && m[k].weight * m[k].chord > most) {
             most = m[k].weight * m[k].chord;
             busy = k;
         }
     for (i = 0; i < r->cuts.count; i++)
-        if (pieces[i].light == busy && envsamp__piece_work(r, i) > work) {
-            work = envsamp__piece_work(r, i);
+        if (pieces[i].light == busy && pieces[i].key > work) {
+            work = pieces[i].key;
             at = i;
         }
     return at;
 }
 
-/* Puts one light after the other where the others have most to do. */
-static void envsamp__start_lights(envsamp__relaxation *r)
-{
-    int count = r->lights, k, at;
-
-    envsamp__assign_pieces(r, 0);
-    for (k = 0; k < count; k++) {
-        r->lights = k > 0 ? k : 1;
-        r->movers[k].weight = 1.0;
-        r->movers[k].tried = 0;
-        at = envsamp__busy_piece(r, -1);
-        envsamp__put_light(r, k, at < 0 ? 0 : at);
-    }
-    r->lights = count;
-}
-
 /* Moves the lights to where their energy is least of all that is tried. It never rises. */
 static void envsamp__improve_lights(envsamp__relaxation *r, int rounds)
 {
-    int now = ENVSAMP__MOVE_ROUNDS, used, idle, busy, k;
-    double was;
+    int now = ENVSAMP__MOVE_ROUNDS, idle, busy, k;
 
     r->energy = DBL_MAX;
     envsamp__move_lights(r, 0);
     if (rounds > 0)
         envsamp__relax(r, ENVSAMP__RELAX_ROUNDS);
-    for (; rounds > 0; rounds -= used) {
-        was = r->energy;
-        used = envsamp__min(now, rounds);
-        envsamp__move_lights(r, used);
+    while (rounds > 0) {
+        double was = r->energy;
+
+        envsamp__move_lights(r, envsamp__min(now, rounds));
+        rounds -= now;
+        now = rounds;
         for (k = 0; k < r->lights && r->energy < was - 1e-9; k++)
             r->movers[k].tried = 0;
-        envsamp__restore_lights(r);
         for (idle = 0, k = 1; k < r->lights; k++)
             idle = r->movers[k].weight < r->movers[idle].weight ? k : idle;
         envsamp__assign_pieces(r, r->lights);
         busy = envsamp__busy_piece(r, idle);
-        now = rounds;
-        if (busy >= 0) {
+        if (rounds > 0 && busy >= 0) {
             now = ENVSAMP__TRIAL_ROUNDS;
             r->movers[r->cuts.regions[busy].light].tried = 1;
             envsamp__put_light(r, idle, busy);
         }
     }
-    envsamp__restore_lights(r);
 }
 
 /* ---- the lights ---- */
@@ -8112,35 +8062,47 @@ static void envsamp__share_lights(envsamp_light *lights, int made, int count)
     }
 }
 
-/* Makes relaxed lights, unless there is no room for twice as many pieces; then returns 0. */
+/* Makes relaxed lights, unless there is no room for twice as many pieces; then returns 0. They
+   start where the others have most to do, one after the other. */
 static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double luminance,
                                  const double integral[3], envsamp_light *lights)
 {
-    int count = r->lights, most, k, c;
+    int count = r->lights, made, most, k, c;
 
     if (r->most < 2 * count)
         return 0;
     envsamp__make_pieces(r, luminance);
-    r->lights = envsamp__min(count, r->cuts.count);
-    envsamp__start_lights(r);
+    made = envsamp__min(count, r->cuts.count);
+    most = made < r->cuts.count ? ENVSAMP__DISTANCES_MAX / (r->cuts.count * made) : 0;
+    envsamp__assign_pieces(r, 0);
+    for (k = 0; k < made; k++) {
+        int at;
+
+        r->lights = envsamp__max_int(k, 1);
+        r->movers[k].weight = 1.0;
+        r->movers[k].tried = 0;
+        at = envsamp__busy_piece(r, -1);
+        envsamp__put_light(r, k, at < 0 ? 0 : at);
+    }
+    r->lights = made;
     envsamp__relax(r, 1);
-    most = r->lights < r->cuts.count ? ENVSAMP__DISTANCES_MAX / (r->cuts.count * r->lights) : 0;
     if (most > 0) {
         envsamp__improve_lights(r, envsamp__min(rounds, most));
-        envsamp__assign_pieces(r, r->lights);
+        envsamp__assign_pieces(r, made);
         envsamp__sum_pieces(r);
     }
-    for (k = 0; k < r->lights; k++)
+    for (k = 0; k < made; k++) {
         envsamp__set_light(&r->movers[k].sum, r->movers[k].axis, 1, &lights[k]);
+        r->movers[k].weight = most > 0 ? r->movers[k].best_weight : 0.0;
+    }
     for (c = 0; c < 3 && most > 0; c++) {
         envsamp__fill_points(r, c, integral[c]);
-        envsamp__restore_lights(r);
         envsamp__weigh_lights(r, envsamp__min(ENVSAMP__WEIGH_SWEEPS, ENVSAMP__DISTANCES_MAX
-                                                                     / (r->lights * r->lights)));
-        for (k = 0; k < r->lights; k++)
+                                                                     / (made * made)));
+        for (k = 0; k < made; k++)
             lights[k].irradiance[c] = envsamp__to_float(r->movers[k].weight * integral[c]);
     }
-    envsamp__share_lights(lights, r->lights, count);
+    envsamp__share_lights(lights, made, count);
     return 1;
 }
 
