@@ -8091,10 +8091,8 @@ static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double lumi
         envsamp__assign_pieces(r, made);
         envsamp__sum_pieces(r);
     }
-    for (k = 0; k < made; k++) {
+    for (k = 0; k < made; k++)
         envsamp__set_light(&r->movers[k].sum, r->movers[k].axis, 1, &lights[k]);
-        r->movers[k].weight = most > 0 ? r->movers[k].best_weight : 0.0;
-    }
     for (c = 0; c < 3 && most > 0; c++) {
         envsamp__fill_points(r, c, integral[c]);
         envsamp__weigh_lights(r, envsamp__min(ENVSAMP__WEIGH_SWEEPS, ENVSAMP__DISTANCES_MAX
@@ -8348,20 +8346,6 @@ typedef struct envsamp__lights {
     envsamp_lights_info info;
 } envsamp__lights;
 
-/* How many of K lights stand on emissive texels: importance is luminance x solid angle^(1/4). */
-static int envsamp__count_directs(const envsamp__lights *l)
-{
-    const envsamp__emission *e = &l->emission;
-    double dim = e->luminance[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(e->sr[0]));
-    double emissive = e->luminance[1] * ENVSAMP_SQRT(ENVSAMP_SQRT(e->sr[1]));
-    int k = l->desc->count, count = (int)((double)k * emissive / (dim + emissive) + 0.5);
-
-    if (!(e->luminance[0] > 0.0))
-        return k;
-    count = e->luminance[1] > 0.0 && count < 1 ? 1 : count;
-    return envsamp__min(count, k - 1);
-}
-
 /* Puts lights on pieces that are drawn by luminance: none twice, and outside of the cones of all
    before while any is. Returns how many there are. */
 static int envsamp__draw_directs(envsamp__lights *l, int wanted)
@@ -8443,18 +8427,26 @@ static void envsamp__place_directs(envsamp__lights *l)
     }
 }
 
-/* Makes EnvDirects of emissive texels. */
+/* Makes EnvDirects of emissive texels. Of K lights they are as many as is the share of these in
+   luminance x solid angle^(1/4). */
 static void envsamp__make_directs(envsamp__lights *l, envsamp_light *lights)
 {
+    const envsamp__emission *e = &l->emission;
+    double dim = e->luminance[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(e->sr[0]));
+    double emissive = e->luminance[1] * ENVSAMP_SQRT(ENVSAMP_SQRT(e->sr[1]));
     envsamp__relaxation *r = &l->relaxation;
-    int k;
+    int count = l->desc->count, k;
 
-    r->lights = envsamp__count_directs(l);
-    if (r->lights == 0)
+    if (e->luminance[0] > 0.0) {
+        k = (int)((double)count * emissive / (dim + emissive) + 0.5);
+        count = envsamp__min(emissive > 0.0 ? envsamp__max_int(k, 1) : k, count - 1);
+    }
+    r->lights = count;
+    if (count == 0)
         return;
     envsamp__begin_cuts(&r->cuts);
-    envsamp__make_pieces(r, l->emission.luminance[1]);
-    r->lights = envsamp__draw_directs(l, envsamp__min(r->lights, r->cuts.count));
+    envsamp__make_pieces(r, e->luminance[1]);
+    r->lights = envsamp__draw_directs(l, envsamp__min(count, r->cuts.count));
     envsamp__relax(r, l->desc->refine_rounds);
     envsamp__place_directs(l);
     for (k = 0; k < r->lights; k++) {
@@ -8658,25 +8650,6 @@ static void envsamp__balance_lights(const envsamp__lights *l, envsamp_light *lig
     }
 }
 
-static void envsamp__choose_lights(envsamp__lights *l, envsamp_light *lights)
-{
-    int made;
-
-    if (l->desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        envsamp__decompose(l, lights);
-    } else if (l->cuts.regions) {
-        for (made = 1; made < l->desc->count; made++)
-            envsamp__cut_top(&l->cuts);
-        envsamp__region_lights(&l->cuts, lights);
-    } else if (l->desc->method != ENVSAMP_LIGHTS_RELAXED
-               || !envsamp__relax_lights(&l->relaxation, l->desc->refine_rounds, l->luminance,
-                                         l->info.integral, lights)) {
-        envsamp__halftone_scan(&l->halftone, &l->pixels, l->luminance, 0, l->desc->count,
-                               l->texels);
-        envsamp__texel_lights(l, lights);
-    }
-}
-
 static float envsamp__or(float value, float otherwise)
 {
     return envsamp__is_zero(value) ? otherwise : value;
@@ -8709,21 +8682,19 @@ ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void)
     return envsamp__lights_filled(NULL);
 }
 
-/* Whether the threshold of emissive texels can be found. */
-static int envsamp__emission_good(const envsamp_lights_desc *desc)
+/* Whether a description is good; for a mask only what finds the threshold counts. */
+static int envsamp__lights_good(const envsamp_lights_desc *desc, int mask)
 {
-    return envsamp__in_range(desc->percentile, -FLT_MAX, 1.0f)
-        && envsamp__in_range(desc->lambda, -FLT_MAX, FLT_MAX)
-        && envsamp__in_range(desc->gamma, -FLT_MAX, FLT_MAX);
-}
-
-static int envsamp__decomposition_good(const envsamp_lights_desc *desc)
-{
-    return envsamp__emission_good(desc)
-        && envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
-        && envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
-        && envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
-        && envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX);
+    if (!envsamp__in_range(desc->percentile, -FLT_MAX, 1.0f)
+        || !envsamp__in_range(desc->lambda, -FLT_MAX, FLT_MAX)
+        || !envsamp__in_range(desc->gamma, -FLT_MAX, FLT_MAX))
+        return 0;
+    return mask || (desc->count >= 1 && desc->count <= 65536
+                    && (uint32_t)desc->method <= ENVSAMP_LIGHTS_RANDOM
+                    && envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
+                    && envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
+                    && envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
+                    && envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX));
 }
 
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
@@ -8738,8 +8709,7 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
     desc = &filled;
     if (result != ENVSAMP_OK)
         return result;
-    if (desc->count < 1 || desc->count > 65536
-        || (uint32_t)desc->method > ENVSAMP_LIGHTS_RANDOM || !envsamp__decomposition_good(desc))
+    if (!envsamp__lights_good(desc, 0))
         return ENVSAMP_ERR_PARAM;
     envsamp__lights_carve(&l, image, desc, &arena);
     return envsamp__set_sizes(sizes, 0, arena.used);
@@ -8754,10 +8724,10 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
     envsamp__arena arena = { NULL, 0 };
     envsamp_sizes sizes;
     envsamp__lights l;
-    envsamp_result result;
+    envsamp_result result = envsamp_lights_sizes(image, &filled, &sizes);
+    int made;
 
     desc = &filled;
-    result = envsamp_lights_sizes(image, desc, &sizes);
     if (result == ENVSAMP_OK)
         result = lights ? envsamp__floats_check(image->pixels) : ENVSAMP_ERR_NULL;
     if (result == ENVSAMP_OK)
@@ -8772,7 +8742,18 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
         return ENVSAMP_ERR_VALUE;
     if (!(l.luminance > 0.0))
         return ENVSAMP_ERR_BLACK;
-    envsamp__choose_lights(&l, lights);
+    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
+        envsamp__decompose(&l, lights);
+    } else if (l.cuts.regions) {
+        for (made = 1; made < desc->count; made++)
+            envsamp__cut_top(&l.cuts);
+        envsamp__region_lights(&l.cuts, lights);
+    } else if (desc->method != ENVSAMP_LIGHTS_RELAXED
+               || !envsamp__relax_lights(&l.relaxation, desc->refine_rounds, l.luminance,
+                                         l.info.integral, lights)) {
+        envsamp__halftone_scan(&l.halftone, &l.pixels, l.luminance, 0, desc->count, l.texels);
+        envsamp__texel_lights(&l, lights);
+    }
     envsamp__balance_lights(&l, lights);
     l.info.count = desc->count;
     if (info)
@@ -8792,11 +8773,10 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     envsamp_result result;
     size_t bad;
 
-    desc = &filled;
     if (!image || !image->pixels || !mask)
         return ENVSAMP_ERR_NULL;
     result = envsamp__image_check(image);
-    if (result == ENVSAMP_OK && !envsamp__emission_good(desc))
+    if (result == ENVSAMP_OK && !envsamp__lights_good(&filled, 1))
         result = ENVSAMP_ERR_PARAM;
     if (result == ENVSAMP_OK)
         result = envsamp__floats_check(image->pixels);
@@ -8817,33 +8797,17 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     e.labels = mask;
     envsamp__fill_row_sr(image, pixels.row_sr);
     bad = envsamp__survey_emission(&e);
-    if (desc->strict && bad)
+    if (filled.strict && bad)
         return ENVSAMP_ERR_VALUE;
     if (!(e.total > 0.0))
         return ENVSAMP_ERR_BLACK;
-    envsamp__find_emission(&e, desc);
+    envsamp__find_emission(&e, &filled);
     if (threshold)
         *threshold = e.threshold;
     return ENVSAMP_OK;
 }
 
 /* ---- interleaved sets ---- */
-
-/* A unit vector turned by an angle, of which sine and cosine are given, towards an azimuth. */
-static void envsamp__turn_dir(const float dir[3], double sine, double cosine, double azimuth,
-                              float out[3])
-{
-    double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2], sign = z < 0.0 ? -1.0 : 1.0;
-    double a = -1.0 / (sign + z), b = x * y * a, s, c, v[3];
-
-    envsamp__sincos_pi(2.0 * azimuth, &s, &c);
-    s *= sine;
-    c *= sine;
-    v[0] = cosine * x + c * (1.0 + sign * x * x * a) + s * b;
-    v[1] = cosine * y + c * sign * b + s * (sign + y * y * a);
-    v[2] = cosine * z - c * sign * x - s * y;
-    envsamp__normalise(v, out);
-}
 
 ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights, int count,
                                                      int set, int set_count, float extent,
@@ -8857,21 +8821,27 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
         || !envsamp__in_range(extent, 0.0f, 1.0f))
         return ENVSAMP_ERR_PARAM;
     for (i = 0; i < count; i++) {
-        float cone = lights[i].cos_extent;
-        double turn = envsamp__random(seed, 2 * (uint32_t)i), angle, sine, cosine, azimuth;
+        double x = (double)lights[i].dir[0], y = (double)lights[i].dir[1];
+        double z = (double)lights[i].dir[2], sign = z < 0.0 ? -1.0 : 1.0;
+        double a = -1.0 / (sign + z), b = x * y * a, sine, cosine, s, c, v[3];
+        double turn = envsamp__random(seed, 2 * (uint32_t)i), angle;
         double first = envsamp__random(seed, 2 * (uint32_t)i + 1) * (double)set_count;
-        uint32_t place = ((uint32_t)set + (uint32_t)first) % (uint32_t)set_count;
+        uint32_t rank = ((uint32_t)set + (uint32_t)first) % (uint32_t)set_count;
+        float cone = lights[i].cos_extent;
 
         if (!envsamp__in_range(cone, envsamp__bits_float(0xff800000u), 1.0f))   /* -infinity */
             cone = 1.0f;                        /* a NaN, too: no cone */
         cone = cone > -1.0f ? cone : -1.0f;
         angle = (double)envsamp__polar_fraction(1.0f - cone, 1.0f + cone) * (double)extent;
-        angle *= ENVSAMP_SQRT(((double)place + 0.5) / (double)set_count);
+        angle *= ENVSAMP_SQRT(((double)rank + 0.5) / (double)set_count);
         envsamp__sincos_pi(angle, &sine, &cosine);
-        azimuth = turn + 0.61803398874989485 * (double)place;
-        azimuth -= (double)(int64_t)azimuth;
+        turn += 0.61803398874989485 * (double)rank;
+        envsamp__sincos_pi(2.0 * (turn - (double)(int64_t)turn), &s, &c);
+        v[0] = cosine * x + sine * (c * (1.0 + sign * x * x * a) + s * b);
+        v[1] = cosine * y + sine * (c * sign * b + s * (sign + y * y * a));
+        v[2] = cosine * z - sine * (c * sign * x + s * y);
         out[i] = lights[i];
-        envsamp__turn_dir(lights[i].dir, sine, cosine, azimuth, out[i].dir);
+        envsamp__normalise(v, out[i].dir);
     }
     return ENVSAMP_OK;
 }
