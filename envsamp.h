@@ -679,7 +679,7 @@ typedef struct envsamp_lights_info {
 ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
 
 /* Scratch of envsamp_lights. HALFTONE and RANDOM: 8 bytes a row, 12 a column, 12 a light.
-   Cuts: up to 6 MB, 3 for a map twice as wide as high, and 56 bytes a light. RELAXED: up to 1 MB,
+   Cuts: up to 4 MB, 2 for a map twice as wide as high, and 104 bytes a light. RELAXED: up to 1 MB,
    8 KB a light, no more than 4 MB of these, 200 bytes a light, and as HALFTONE. Both 16 bytes a
    column and 24 a row. DECOMPOSED: as cuts and RELAXED, 2 MB and 5 bytes a texel. table_bytes is 0.
    `desc` NULL: the defaults. Needs the image's sizes, not its pixels.
@@ -7597,23 +7597,21 @@ static void envsamp__region_lights(const envsamp__cuts *cuts, envsamp_light *lig
 /* ---- relaxed ----
  *
  * The map is halved into pieces of at most 1/32 of a light's luminance or single texels, each a
- * direction with a weight. Of the pieces the lights start where those of one light are farthest
- * from it; Lloyd's relaxation moves every light to the centroid of the pieces that are nearest to
- * it. Then directions and weights are sought that minimise
+ * direction with a weight. Lights start on the pieces that are farthest from the lights before, and
+ * Lloyd's relaxation moves them to centroids. Then directions and weights are sought that minimise
  *
  *     2 sum_ij w_i m_j |x_i - p_j| - sum_ik w_i w_k |x_i - x_k|    with    sum w = sum m, w >= 0,
  *
  * where x, w are the lights and p, m the pieces. This is, but for a constant, the squared error of
  * the light in a spherical cap, averaged over all caps [15]: what a horizon and the shadow of a
- * ball cut out of the map. The weights fall to their minimum by exchanges between two lights, at
- * last channel by channel. For directions it is lowered by a step that puts x_i where
+ * ball cut out of the map. Lights exchange weight in pairs until it is least, at last channel by
+ * channel; with momentum [20] they step to where x_i solves
  *
  *     sum_j m_j (x - p_j) / |x_i - p_j| = sum_k w_k (x_i - x_k) / |x_i - x_k|
  *
  * (chords to the pieces lie below parabolas that touch them where x_i was, those to other lights
- * above their tangents), with momentum [20]; the least sum met is kept. Then the light of least
- * weight goes to where another has most to do, some rounds follow, and the lights go back if these
- * did not lower the sum; and so on. Other starts and objectives: bench/experiments.md.
+ * above their tangents). Again and again the light of least weight goes to where another has most
+ * to do; the lights go back if that does not lower the sum. bench/experiments.md has other ways.
  */
 
 #define ENVSAMP__PIECES_PER_LIGHT 32        /* a piece has that part of a light's at most */
@@ -8106,12 +8104,12 @@ static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double lumi
 
 /* ---- decomposed ----
  *
- * [18]. Texels brighter than L_T = max(L_b, lambda L_avg, gamma L_max) are emissive. Of K lights so
- * many as their share of L Omega^(1/4), flux and solid angle [19], are EnvDirects: drawn from the
- * emissive texels by light, each keeping others out of a cone about it, then k-means over pieces as
- * above, each put on the nearest texel that it stands for. Texels more than two such angles away go
- * back to the others, which EnvIndirects stand for: rectangles, from the whole map on halved across
- * their longer side, that with the largest w_V V + w_D D + w_E E first.
+ * [18]. Texels brighter than L_T = max(L_b, lambda L_avg, gamma L_max) are emissive. Of K lights
+ * their share of L Omega^(1/4), flux and solid angle [19], are EnvDirects: drawn from pieces of the
+ * emissive texels by light, each keeping others out of a cone about it, then k-means over the
+ * pieces, each put on the nearest texel that it stands for. Texels more than two such angles away
+ * go back to the rest of the map. EnvIndirects stand for that: rectangles, that with the largest
+ * w_V V + w_D D + w_E E halved first.
  *
  * What the text leaves open was measured in a scene with shadows, each choice against the other
  * (bench/experiments.md): L_b by solid angle, s 4 pi / K as a solid angle, lights on texels, shares
@@ -8134,12 +8132,7 @@ typedef struct envsamp__emission {
     double luminance[2], sr[2]; /* of texels that are not emissive, and that are */
 } envsamp__emission;
 
-enum {
-    ENVSAMP__DIM,
-    ENVSAMP__EMISSIVE,
-    ENVSAMP__NEAR,              /* emissive, near a light that was drawn */
-    ENVSAMP__DRAWN              /* emissive, with a light */
-};
+enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE };
 
 static void envsamp__emission_carve(envsamp__emission *e, const envsamp__pixels *pixels,
                                     envsamp__arena *arena)
