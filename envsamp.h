@@ -651,7 +651,7 @@ typedef struct envsamp_lights_info {
 ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
 
 /* Scratch of envsamp_lights. HALFTONE and RANDOM: 8 bytes a row, 12 a column, 12 a light.
-   Cuts: up to 6 MB, 3 for a map twice as wide as high, and 56 bytes a light. RELAXED: up to 1 MB,
+   Cuts: up to 4 MB, 2 for a map twice as wide as high, and 104 bytes a light. RELAXED: up to 1 MB,
    8 KB a light, no more than 4 MB of these, 200 bytes a light, and as HALFTONE. Both 16 bytes a
    column and 24 a row. DECOMPOSED: as cuts and RELAXED, 2 MB and 5 bytes a texel. table_bytes is 0.
    `desc` NULL: the defaults. Needs the image's sizes, not its pixels.
@@ -1174,6 +1174,10 @@ ENVSAMP__HOT void envsamp__sqrt_n(float *x, int n)
 
 /* ============================================================================================
  * IMAGES AND ROWS OF LUMINANCE                                               [search: @images]
+ *
+ * Memory, checks of what callers give, and the one reader of pixels, which mends and counts bad
+ * ones. kd and cdf read rows of luminance, from an image or a callback; halftone and lights read
+ * runs of a row and single texels.
  * ========================================================================================== */
 
 ENVSAMP_DEF const char *envsamp_result_string(envsamp_result result)
@@ -1402,7 +1406,7 @@ static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, 
 
 #define ENVSAMP__LEVELS 16      /* cells of 2^16 texels cover the widest map */
 #define ENVSAMP__CHUNK 64       /* columns that are worked on together, and */
-#define ENVSAMP__LANES 32       /* floats of an inner loop: constants, so that compilers vectorise
+#define ENVSAMP__LANES 32       /* numbers of an inner loop: constants, so that compilers vectorise
                                    at -O2 too */
 #define ENVSAMP__TOP 128        /* cells of the coarsest level, at most: one split reads as many */
 #define ENVSAMP__BEYOND 9       /* knots that are read, but do not count, after the last */
@@ -1437,32 +1441,33 @@ static inline uint32_t envsamp__suspect(float value)
 static const float *envsamp__read_pixels(const float *from, int channels, int count,
                                          float *mended, size_t *bad)
 {
-    const int quarter = ENVSAMP__CHUNK / 4;
-    const float *at = from;
+    const int part = ENVSAMP__CHUNK / 4;
+    int floats = channels * count, at = 0, i, c;
     uint32_t top = 0;
-    int rest = channels * count, i, c;
 
-    for (; rest >= 4 * quarter; rest -= 4 * quarter, at += 4 * quarter)
-        for (i = 0; i < quarter; i++)
-            top |= envsamp__suspect(at[i]) | envsamp__suspect(at[i + quarter])
-                 | envsamp__suspect(at[i + 2 * quarter]) | envsamp__suspect(at[i + 3 * quarter]);
-    for (i = 0; i < rest; i++)
-        top |= envsamp__suspect(at[i]);
+    for (; at + ENVSAMP__CHUNK <= floats; at += ENVSAMP__CHUNK)
+        for (i = at; i < at + part; i++)
+            top |= envsamp__suspect(from[i]) | envsamp__suspect(from[i + part])
+                 | envsamp__suspect(from[i + 2 * part]) | envsamp__suspect(from[i + 3 * part]);
+    for (; at < floats; at++)
+        top |= envsamp__suspect(from[at]);
+    if (top >> 31 && channels == 4)         /* not by what is ignored */
+        for (i = 0, top = 0; i < count; i++)
+            top |= envsamp__suspect(from[4 * i]) | envsamp__suspect(from[4 * i + 1])
+                 | envsamp__suspect(from[4 * i + 2]);
     if (!(top >> 31))
         return from;
     for (i = 0; i < count; i++) {
-        float rgb[4];
+        float rgba[4] = { 0.0f };
 
-        *bad += (size_t)envsamp__mend_pixel(from + i * channels, channels, rgb);
-        rgb[3] = 0.0f;
+        *bad += (size_t)envsamp__mend_pixel(from + i * channels, channels, rgba);
         for (c = 0; c < channels; c++)
-            mended[i * channels + c] = rgb[c];
+            mended[i * channels + c] = rgba[c];
     }
     return mended;
 }
 
-/* Their luminance, as it lies or in `luminance`. The weights sum to 1 in floats, so that no finite
-   pixel has one above FLT_MAX. */
+/* The same of their luminance. Its weights sum to 1 in floats: that of finite pixels is finite. */
 static const float *envsamp__read_luminance(const float *from, int channels, int count,
                                             float *luminance, size_t *bad)
 {
@@ -1472,7 +1477,7 @@ static const float *envsamp__read_luminance(const float *from, int channels, int
     if (channels == 1)
         return envsamp__read_pixels(from, 1, count, luminance, bad);
     from = envsamp__read_pixels(from, channels, count, mended, bad);
-    if (channels == 3 && count == ENVSAMP__CHUNK)   /* two constants: a third faster */
+    if (channels == 3 && count == ENVSAMP__CHUNK)   /* with constants a third faster */
         for (i = 0; i < ENVSAMP__CHUNK; i++)
             luminance[i] = envsamp_luminance(from + 3 * i);
     else
@@ -1571,41 +1576,40 @@ static void envsamp__source_carve(envsamp__source *source, const envsamp_image *
 static envsamp_result envsamp__source_row(envsamp__source *source, int y, float *luminance)
 {
     const envsamp_image *image = &source->image;
-    const float *row = source->row;
+    const float *row = source->fn ? source->row : envsamp__pixel_at(image, 0, y);
+    envsamp_result result = source->fn ? source->fn(y, source->row, source->user) : ENVSAMP_OK;
     int x;
 
-    if (source->fn) {
-        envsamp_result result = source->fn(y, source->row, source->user);
-
-        if (result != ENVSAMP_OK)
-            return result;
-    } else {
-        row = envsamp__pixel_at(image, 0, y);
-    }
+    if (result != ENVSAMP_OK)
+        return result;
     source->bad_pixel_count += envsamp__luminance_row(image, row, luminance);
     for (x = 0; x < image->width && source->dim > 0.0f; x++)
         luminance[x] = luminance[x] > source->dim ? luminance[x] - source->dim : 0.0f;
     return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
-/* Ends the line of knots through a row of texels, which stand at line[1] and on. */
+/* The first and last knot of the line through row y, whose other knots are its texels, at line[1]
+   and on. They lie on the seam, or, on an octahedral map, between a texel and that of the mirrored
+   row. */
 static void envsamp__end_line(const envsamp__source *source, int y, float *line)
 {
-    int width = source->image.width, across = source->image.height - 1 - y, fold;
+    int width = source->image.width, mirrored = source->image.height - 1 - y;
+    int fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
+    float before = fold ? source->side[0][mirrored] : line[width];
+    float after = fold ? source->side[1][mirrored] : line[1];
 
-    fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
-    line[0] = envsamp__half(line[1])
-            + envsamp__half(fold ? source->side[0][across] : line[width]);
-    line[width + 1] = envsamp__half(line[width])
-                    + envsamp__half(fold ? source->side[1][across] : line[1]);
+    line[0] = envsamp__half(line[1]) + envsamp__half(before);
+    line[width + 1] = envsamp__half(line[width]) + envsamp__half(after);
 }
 
-/* The line of knots at the upper or lower border, next to the line through row y. */
+/* The line of knots at the upper or lower border, next to the line `inner` through row y. The four
+   corners of an octahedral map are one point. */
 static void envsamp__border_line(const envsamp__source *source, int y, int outside,
                                  const float *inner, float *line)
 {
     const envsamp_image *image = &source->image;
-    int width = image->width, across = image->height - 1 - y, x;
+    int width = image->width, mirrored = image->height - 1 - y, x;
+    float corner;
 
     for (x = 0; x < width; x++) {
         int wrapped_x = x, wrapped_y = outside;     /* is row y again */
@@ -1613,12 +1617,9 @@ static void envsamp__border_line(const envsamp__source *source, int y, int outsi
         envsamp__wrap_texel(image->mapping, width, image->height, &wrapped_x, &wrapped_y);
         line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
     }
-    if (image->mapping == ENVSAMP_OCTAHEDRAL)       /* all four corners are one point */
-        line[0] = line[width + 1] = envsamp__half(line[1])
-                                  + envsamp__half(envsamp__half(source->side[0][across]))
-                                  + envsamp__half(envsamp__half(source->side[1][across]));
-    else
-        line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(line[width]);
+    corner = image->mapping != ENVSAMP_OCTAHEDRAL ? line[width]
+           : envsamp__half(source->side[0][mirrored]) + envsamp__half(source->side[1][mirrored]);
+    line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(corner);
 }
 
 /* ============================================================================================
@@ -6499,40 +6500,38 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 /* ============================================================================================
  * HALFTONE                                                                 [search: @halftone]
  *
- * Error diffusion: importance is added up along a path over the map, a texel is chosen where the
- * sum passes half of S/M, and S/M is taken off it: what is left is the error.
+ * Error diffusion [9]: importance is summed along a path over the map. Where the sum passes half
+ * of S/M, the texel there is chosen and S/M is taken off the sum: what is left is the error.
  *
- *       +-----------+-----------+-----------+    CELLS: they hold half a sample on average. Rows
- *       | 1 4 5 8 ->| 1 4 5 8 ->| 1 4 5 8   |    of them are walked to and fro, a cell column by
+ *       +-----------+-----------+-----------+    CELLS: a cell holds half a sample on average. Rows
+ *       | 1 4 5 8 ->| 1 4 5 8 ->| 1 4 5 8   |    of cells are walked to and fro, a cell column by
  *       | 2 3 6 7   | 2 3 6 7   | 2 3 6 7 | |    column, down and up, in every second row of cells
- *       +-----------+-----------+---------|-+    up and down; one that is worth n >= 2 samples in
+ *       +-----------+-----------+---------|-+    up and down. A cell of n >= 2 samples is walked in
  *       |   7 6 3 2 |   7 6 3 2 |   7 6 3 v |    2 floor(sqrt(n / 2)) + 1 bands, each as a low cell
  *       |   8 5 4 1 |<- 8 5 4 1 |<- 8 5 4 1 |    of that row. All of the error goes on along the
  *       +-----------+-----------+-----------+    path.
  *
- * TEXELS: a cell is one texel, after which a kernel splits its error between the next ones and
- * those below. Nothing is lost at the border: shares outside of the map go to those within.
+ * TEXELS: a cell is one texel. A kernel splits its error between the next texels and those below;
+ * shares outside of the map go to those inside, so nothing is lost.
  *
- * So the errors that are left in the end sum to what the samples miss of S, and M come out by
- * themselves, but for rounding and for texels that are brighter than S/M or black. Where as many
- * samples are missing as lit texels are left, all of these are chosen; after M, none.
+ * The errors at the end sum to what the samples miss of S, so M samples come out by themselves, but
+ * for rounding and for texels that are black or brighter than S/M. With `once`, all lit texels are
+ * chosen that are left when as many samples are missing. After M samples none is chosen.
  *
- * A kernel of a few texels cannot spread a handful of samples over thousands: until a column has
- * gathered half a sample none is chosen, then a dozen are in one row. And an error from above may
- * choose a texel that is hardly worth anything: divided by its probability, such a sample is a
- * firefly. [9] recommends to shift weight ahead where samples are few, "in the extreme case" all of
- * it. Along rows of cells that makes compact regions of equal light, and with a random start every
- * texel is chosen as often as it is worth. bench/experiments.md has other paths, cells and shares.
- *
- * The sums of all columns of some cells come first; only where one takes the sum over the
- * threshold are its texels looked at.
+ * A kernel of a few texels cannot spread a handful of samples over thousands: no column chooses
+ * before it has gathered half a sample, then a dozen choose in one row. And an error from above may
+ * choose a texel of hardly any importance: divided by its probability, that sample is a firefly.
+ * [9] recommends to shift weight ahead where samples are few, "in the extreme case" all of it.
+ * Along rows of cells that makes compact regions of equal light, and with a random start the
+ * expected count of every texel is in proportion to its importance (other paths, cells and shares:
+ * bench/experiments.md). The columns of a row of cells are summed first, so that texels are read
+ * only where the sum of a column crosses the threshold.
  * ========================================================================================== */
 
-#define ENVSAMP__CELLS_PER_SAMPLE 2.0
 #define ENVSAMP__TAPS 12
 
-/* Where a kernel sends an error: so many texels on in the direction of the scan, in the same row or
-   one or two below. */
+/* Where a kernel sends `parts` of an error: `across` texels on in the direction of the scan, and
+   `below` rows below. */
 typedef struct envsamp__tap { signed char across, below, parts; } envsamp__tap;
 
 typedef struct envsamp__halftone {
@@ -6540,29 +6539,26 @@ typedef struct envsamp__halftone {
     const envsamp_halftone_desc *desc;
     envsamp_texel *texels;
     int wanted, chosen, once;
-    int64_t lit;                /* texels above zero that are still to come; with `once` */
+    int64_t lit;                /* with `once`: texels above zero that are still to come */
     double total;               /* S */
     double error;               /* importance that was passed and not yet chosen */
     double threshold, quantum;  /* choose where error is above the one, and take off the other */
     double gap_unit;            /* RANDOM: importance by a unit of spacing */
     int across, down;           /* cells */
-    int cell, strip, step;      /* where the scan is, and its direction */
+    int cell, strip, step;      /* where the scan is in which row of cells, and its direction */
     int x0, x1, y0, y1;         /* texels of the cell */
     double mass;                /* of the cell */
     double *sum;                /* importance of every column of the strip, */
     int *lit_count;             /* and how many of its texels are above zero */
-    double ahead;               /* error that waits for the texel after the next */
     double *row[3];             /* errors that wait for texels of this row and the next two */
-    int rows;                   /* of these, by the kernel; 0: CELLS */
+    int rows;                   /* of these, by the kernel; 0: all of an error goes ahead */
     envsamp__tap tap[ENVSAMP__TAPS];
     double share[ENVSAMP__TAPS];
     int tap_count;
 } envsamp__halftone;
 
-/* ---- random numbers ---- */
-
-/* Entry `number` of a sequence, in (0, 1): a bijection of 32 bits twice, which flips about half
-   of them for each that changes. */
+/* Entry `number` of a sequence of random numbers in (0, 1): a bijection of 32 bits twice, which
+   flips about half of them for each that changes. */
 static double envsamp__random(uint32_t seed, uint32_t number)
 {
     uint32_t x = seed;
@@ -6580,25 +6576,30 @@ static double envsamp__random(uint32_t seed, uint32_t number)
 }
 
 /* Distance from one of many independent draws to the next, but for a factor. */
-static double envsamp__spacing(uint32_t seed, uint32_t number)
+static double envsamp__spacing(uint32_t seed, int number)
 {
-    return -envsamp__log2(envsamp__random(seed, number));
+    return -envsamp__log2(envsamp__random(seed, (uint32_t)number));
 }
 
-/* ---- the map ---- */
+/* ---- importance ---- */
+
+static double envsamp__importance(const envsamp__pixels *map, int x, int y)
+{
+    double rgb[3], value = envsamp__texel_value(map->image, x, y, rgb);
+
+    return map->row_sr ? value * map->row_sr[y] : value;
+}
 
 static void envsamp__count_lit(const float *value, int count, int *lit)
 {
     int i;
 
-    for (; count >= ENVSAMP__LANES; count -= ENVSAMP__LANES) {
-        for (i = 0; i < ENVSAMP__LANES; i++)
+    if (count == ENVSAMP__CHUNK)
+        for (i = 0; i < ENVSAMP__CHUNK; i++)
             lit[i] += value[i] > 0.0f;
-        value += ENVSAMP__LANES;
-        lit += ENVSAMP__LANES;
-    }
-    for (i = 0; i < count; i++)
-        lit[i] += value[i] > 0.0f;
+    else
+        for (i = 0; i < count; i++)
+            lit[i] += value[i] > 0.0f;
 }
 
 /* Sums of columns between two rows; returns how many pixels are bad. */
@@ -6619,17 +6620,10 @@ static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
 
             envsamp__add_floats(value, count, h->map->row_sr ? h->map->row_sr[y] : 1.0,
                                 h->sum + x);
-            if (h->once)
+            if (h->desc->once)
                 envsamp__count_lit(value, count, h->lit_count + x);
         }
     return bad;
-}
-
-static double envsamp__importance(const envsamp__pixels *map, int x, int y)
-{
-    double rgb[3], value = envsamp__texel_value(map->image, x, y, rgb);
-
-    return map->row_sr ? value * map->row_sr[y] : value;
 }
 
 /* ---- choosing ---- */
@@ -6643,8 +6637,7 @@ static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value
     texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
     h->error -= h->quantum;
     if (h->gap_unit > 0.0)
-        h->quantum = h->threshold = h->gap_unit
-                                  * envsamp__spacing(h->desc->seed, (uint32_t)h->chosen);
+        h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc->seed, h->chosen);
 }
 
 /* Whether so many lit texels are too few for the samples that are missing. */
@@ -6668,8 +6661,8 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
     }
 }
 
-/* A row of the cell's columns, the step-th way, all of their height or a part of it. In turns, rows
-   of cells begin downwards and upwards: else those of an even map may all be low in their cells. */
+/* Columns of the cell between two rows, in the direction of `step`. Every second row of cells
+   begins upwards: else the texels chosen of an even map may all be low in their cells. */
 static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
 {
     int width = h->x1 - h->x0, i, y;
@@ -6681,29 +6674,28 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
             || envsamp__is_short(h, h->lit - h->lit_count[x])) {
             for (y = y0; y < y1; y++)
                 envsamp__walk_texel(h, x, (i + h->strip) & 1 ? y0 + y1 - 1 - y : y);
-        } else {                /* a whole column of which none is to be chosen */
+        } else {                /* a whole column of which none is chosen */
             h->error += h->sum[x];
             h->lit -= h->lit_count[x];
         }
     }
 }
 
-/* Where a part begins, if `count` of them share `length` texels out. */
+/* Where part `part` of `count` begins, which share `length` texels out. */
 static int envsamp__part_edge(int part, int count, int length)
 {
-    return part == 0 ? 0 : part == count ? length : (int)((int64_t)part * length / count);
+    return (int)((int64_t)part * length / count);
 }
 
-/* Bands keep samples from standing in lines where they are dense. Their number is odd, so that the
-   way out of a cell is that of the scan. RANDOM has no use for them. */
+/* Bands keep dense samples from standing in lines. Their number is odd, so that the last one ends
+   where the next cell begins. RANDOM does not need them. */
 static void envsamp__walk_cell(envsamp__halftone *h)
 {
     int height = h->y1 - h->y0, bands = 1, i;
 
     if (h->mass >= 2.0 * h->quantum && !(h->gap_unit > 0.0)) {
-        double pairs = ENVSAMP_SQRT(0.5 * h->mass / h->quantum);
-
-        bands = 2 * (int)(pairs < (double)height ? pairs : (double)height) + 1;
+        bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * h->mass / h->quantum),
+                                             (double)height) + 1;
         bands = envsamp__min(bands, height - !(height & 1));
     }
     for (i = 0; i < bands; i++)
@@ -6714,7 +6706,7 @@ static void envsamp__walk_cell(envsamp__halftone *h)
 
 /* ---- diffusing ---- */
 
-/* The shares of [13]: between some levels of 0..255, which his table gives, the three change
+/* The shares of [13]: his table gives them for some levels of 0..255, between which they change
    evenly. Above the middle they are those of 255 less the level. */
 static void envsamp__ostromoukhov_shares(double level, double share[3])
 {
@@ -6739,7 +6731,7 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
                      + t * (double)b[k] / (double)(b[1] + b[2] + b[3]);
 }
 
-/* Taps and shares, with TEXELS. */
+/* Taps and shares: with CELLS and for RANDOM there are none. */
 static void envsamp__set_kernel(envsamp__halftone *h)
 {
     static const envsamp__tap taps[][ENVSAMP__TAPS] = {
@@ -6757,59 +6749,54 @@ static void envsamp__set_kernel(envsamp__halftone *h)
     int i;
 
     if (h->desc->scan == ENVSAMP_SCAN_CELLS || h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        return;                 /* all of an error goes ahead, round the ends of rows too */
-    for (i = 0; i < ENVSAMP__TAPS && taps[h->desc->kernel][i].parts; i++)
-        parts += (double)taps[h->desc->kernel][i].parts;
-    h->tap_count = i;
-    for (i = 0; i < h->tap_count; i++) {
+        return;
+    for (i = 0; i < ENVSAMP__TAPS && taps[h->desc->kernel][i].parts; i++) {
         h->tap[i] = taps[h->desc->kernel][i];
-        h->share[i] = (double)h->tap[i].parts / parts;
+        parts += (double)h->tap[i].parts;
     }
-    h->rows = 1 + h->tap[h->tap_count - 1].below;
+    h->tap_count = i;
+    h->rows = 1 + h->tap[i - 1].below;
+    while (i-- > 0)
+        h->share[i] = (double)h->tap[i].parts / parts;
 }
 
 /* Sends the error of a texel on. Shares that would leave the map go to the others. */
 static void envsamp__diffuse(envsamp__halftone *h)
 {
-    int inside[ENVSAMP__TAPS], i;
-    double sum = 0.0, scale, next = h->ahead;
+    double *to[ENVSAMP__TAPS], sum = 0.0, scale;
+    int i;
 
     if (h->desc->kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
         envsamp__ostromoukhov_shares(h->mass / h->quantum, h->share);
     for (i = 0; i < h->tap_count; i++) {
-        int to = h->cell + h->step * h->tap[i].across;
+        int x = h->cell + h->step * h->tap[i].across, inside;
 
-        inside[i] = to >= 0 && to < h->across && h->strip + h->tap[i].below < h->down;
-        sum += inside[i] ? h->share[i] : 0.0;
+        inside = x >= 0 && x < h->across && h->strip + h->tap[i].below < h->down;
+        to[i] = inside ? &h->row[h->tap[i].below][x] : NULL;
+        sum += inside ? h->share[i] : 0.0;
     }
     scale = sum > 0.0 ? h->error / sum : 0.0;       /* after the last one nothing is left to do */
-    h->ahead = 0.0;
-    for (i = 0; i < h->tap_count; i++) {
-        double part = inside[i] ? scale * h->share[i] : 0.0;
-
-        if (h->tap[i].below && inside[i])
-            h->row[h->tap[i].below][h->cell + h->step * h->tap[i].across] += part;
-        else if (h->tap[i].across == 1)
-            next += part;
-        else
-            h->ahead += part;
-    }
-    h->error = next;
+    for (i = 0; i < h->tap_count; i++)
+        if (to[i])
+            *to[i] += scale * h->share[i];
+    h->error = 0.0;
 }
+
+/* ---- the scan ---- */
 
 /* A row of cells in the direction of the scan. */
 static void envsamp__walk_strip(envsamp__halftone *h)
 {
-    int width = h->map->image->width, forward = h->step > 0, edge, x, i;
+    const envsamp_image *image = h->map->image;
+    int i, x;
 
-    h->y0 = envsamp__part_edge(h->strip, h->down, h->map->image->height);
-    h->y1 = envsamp__part_edge(h->strip + 1, h->down, h->map->image->height);
+    h->y0 = envsamp__part_edge(h->strip, h->down, image->height);
+    h->y1 = envsamp__part_edge(h->strip + 1, h->down, image->height);
     envsamp__sum_columns(h, h->y0, h->y1);
-    for (i = 0, edge = forward ? 0 : width; i < h->across; i++) {
-        h->cell = forward ? i : h->across - 1 - i;
-        h->x0 = forward ? edge : envsamp__part_edge(h->cell, h->across, width);
-        h->x1 = forward ? envsamp__part_edge(h->cell + 1, h->across, width) : edge;
-        edge = forward ? h->x1 : h->x0;
+    for (i = 0; i < h->across; i++) {
+        h->cell = h->step > 0 ? i : h->across - 1 - i;
+        h->x0 = envsamp__part_edge(h->cell, h->across, image->width);
+        h->x1 = envsamp__part_edge(h->cell + 1, h->across, image->width);
         h->error += h->rows ? h->row[0][h->cell] : 0.0;
         for (h->mass = 0.0, x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
@@ -6819,90 +6806,64 @@ static void envsamp__walk_strip(envsamp__halftone *h)
     }
 }
 
-/* ---- the scan ---- */
-
-/* Cells across and down: with CELLS about square in texels. RANDOM has one a strip. */
-static void envsamp__lay_cells(envsamp__halftone *h, int width, int height)
-{
-    double side = ENVSAMP_SQRT((double)width * (double)height
-                               / (ENVSAMP__CELLS_PER_SAMPLE * (double)h->desc->count));
-
-    side = h->desc->scan == ENVSAMP_SCAN_TEXELS ? 1.0 : envsamp__max(side, 1.0);
-    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        side = 16.0;
-    h->across = envsamp__max_int((int)((double)width / side), 1);
-    h->down = envsamp__max_int((int)((double)height / side), 1);
-    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        h->across = 1;
-}
-
+/* Lays cells out, which with CELLS are about square in texels. RANDOM has one a strip. */
 static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone_desc *desc,
-                                    int width, int height, envsamp__arena *arena)
+                                    const envsamp__pixels *map, envsamp__arena *arena)
 {
-    int i;
+    double width = (double)map->image->width, height = (double)map->image->height;
+    double side = ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count));
+    int random = desc->kernel == ENVSAMP_KERNEL_RANDOM, i;
 
     ENVSAMP_MEMSET(h, 0, sizeof *h);
+    h->map = map;
     h->desc = desc;
-    h->once = desc->once && desc->kernel != ENVSAMP_KERNEL_RANDOM;
+    h->once = desc->once && !random;
     envsamp__set_kernel(h);
-    envsamp__lay_cells(h, width, height);
+    side = desc->scan == ENVSAMP_SCAN_TEXELS ? 1.0 : envsamp__max(side, 1.0);
+    side = random ? 16.0 : side;
+    h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
+    h->down = envsamp__max_int((int)(height / side), 1);
     for (i = 0; i < h->rows; i++)
         h->row[i] = ENVSAMP__TAKE(double, arena, h->across);
-    h->sum = ENVSAMP__TAKE(double, arena, width);
-    h->lit_count = ENVSAMP__TAKE(int, arena, width);
+    h->sum = ENVSAMP__TAKE(double, arena, map->image->width);
+    h->lit_count = ENVSAMP__TAKE(int, arena, map->image->width);
 }
 
-/* Where the scan chooses first. RANDOM: its draws, in their order, are as the sums of exponential
-   spacings over the sum of one more [14]. */
-static void envsamp__set_pace(envsamp__halftone *h)
+/* Sets the error at the start and what is taken off it. RANDOM: its draws, in their order, are as
+   the sums of exponential spacings over the sum of one more [14]. */
+static void envsamp__set_start(envsamp__halftone *h)
 {
     uint32_t seed = h->desc->seed;
     double spacings = 0.0;
     int i;
 
+    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM) {
+        for (i = 0; i <= h->wanted; i++)
+            spacings += envsamp__spacing(seed, i);
+        h->gap_unit = h->total / spacings;
+        h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
+        return;
+    }
     h->quantum = h->total / (double)h->wanted;
     h->threshold = 0.5 * h->quantum;
     h->error = seed ? (envsamp__random(seed, 0) - 0.5) * h->quantum : 0.0;
-    if (h->desc->kernel != ENVSAMP_KERNEL_RANDOM)
-        return;
-    for (i = 0; i <= h->wanted; i++)
-        spacings += envsamp__spacing(seed, (uint32_t)i);
-    h->error = 0.0;
-    h->gap_unit = h->total / spacings;
-    h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
+    for (i = 0; i < h->rows; i++)
+        ENVSAMP_MEMSET(h->row[i], 0, (size_t)h->across * sizeof(double));
 }
 
-/* Without `once`, error that ends up in black cells leaves samples out, and rounding may leave all
-   of them, in a map of denormals. */
-static void envsamp__take_rest(envsamp__halftone *h)
+/* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero.
+   Without, error that ends in black cells leaves some out, and rounding, in a map of denormals,
+   may leave all out: then the last texel chosen, or the first lit one of the last row, repeats. */
+static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
+                                   envsamp_texel *texels)
 {
-    int x, y;
+    int i, x, y;
 
-    for (y = h->map->image->height - 1; y >= 0 && h->chosen == 0; y--)
-        for (x = 0; x < h->map->image->width && h->chosen == 0; x++) {
-            double value = envsamp__importance(h->map, x, y);
-
-            if (value > 0.0)
-                envsamp__take_texel(h, x, y, value);
-        }
-    for (; h->chosen < h->wanted; h->chosen++)
-        h->texels[h->chosen] = h->texels[h->chosen - 1];
-}
-
-/* Chooses `wanted` texels of a map with this total, of which `lit` are above zero. */
-static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__pixels *map, double total,
-                                   int64_t lit, int wanted, envsamp_texel *texels)
-{
-    int i;
-
-    h->map = map;
     h->texels = texels;
     h->total = total;
     h->lit = lit;
     h->wanted = wanted;
-    envsamp__set_pace(h);
-    for (i = 0; i < h->rows; i++)
-        ENVSAMP_MEMSET(h->row[i], 0, (size_t)h->across * sizeof(double));
+    envsamp__set_start(h);
     for (h->strip = 0; h->strip < h->down && h->chosen < wanted; h->strip++) {
         double *done = h->row[0];
 
@@ -6915,69 +6876,33 @@ static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__pixels *
             h->row[i] = done;
         }
     }
-    envsamp__take_rest(h);
+    h->threshold = -DBL_MAX;
+    for (y = h->map->image->height - 1; y >= 0 && h->chosen == 0; y--)
+        for (x = 0; x < h->map->image->width && h->chosen == 0; x++)
+            envsamp__walk_texel(h, x, y);
+    for (; h->chosen < wanted; h->chosen++)
+        texels[h->chosen] = texels[h->chosen - 1];
 }
 
 /* ---- an importance map ---- */
-
-/* Sum of a map, and, with `once`, how many of its texels are above zero. */
-static envsamp_result envsamp__importance_total(envsamp__halftone *h, double *total, int64_t *lit)
-{
-    int x;
-
-    if (envsamp__sum_columns(h, 0, h->map->image->height))
-        return ENVSAMP_ERR_VALUE;
-    *total = 0.0;
-    *lit = 0;
-    for (x = 0; x < h->map->image->width; x++) {
-        *total += h->sum[x];
-        *lit += h->lit_count[x];
-    }
-    return *total > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
-}
 
 ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   const envsamp_halftone_desc *desc,
                                                   envsamp_sizes *sizes)
 {
+    const envsamp_image image = { NULL, width, height, 1, 0, ENVSAMP_LATLONG };
+    const envsamp__pixels map = { &image, NULL };
+    envsamp_result result = envsamp__begin_sizes(desc ? &image : NULL, sizes);
     envsamp__arena arena = { NULL, 0 };
     envsamp__halftone h;
 
-    if (!sizes)
-        return ENVSAMP_ERR_NULL;
-    sizes->table_bytes = sizes->scratch_bytes = 0;
-    if (!desc)
-        return ENVSAMP_ERR_NULL;
-    if (width < 1 || width > 65535 || height < 1 || height > 65535)
-        return ENVSAMP_ERR_SIZE;
+    if (result != ENVSAMP_OK)
+        return result;
     if (desc->count < 1 || (uint32_t)desc->kernel > ENVSAMP_KERNEL_RANDOM
         || (uint32_t)desc->scan > ENVSAMP_SCAN_TEXELS)
         return ENVSAMP_ERR_PARAM;
-    envsamp__halftone_carve(&h, desc, width, height, &arena);
+    envsamp__halftone_carve(&h, desc, &map, &arena);
     return envsamp__set_sizes(sizes, 0, arena.used);
-}
-
-/* What is wrong with the arguments of a call. */
-static envsamp_result envsamp__halftone_check(const envsamp_image *image,
-                                              const envsamp_halftone_desc *desc,
-                                              const envsamp_texel *texels, int capacity,
-                                              envsamp_buffer scratch)
-{
-    envsamp_sizes sizes;
-    envsamp_result result;
-
-    if (!image->pixels || !texels)
-        return ENVSAMP_ERR_NULL;
-    result = envsamp_halftone_sizes(image->width, image->height, desc, &sizes);
-    if (result != ENVSAMP_OK)
-        return result;
-    if (image->row_stride_bytes / sizeof(float) < (size_t)image->width
-        || image->row_stride_bytes > SIZE_MAX / (size_t)image->height)
-        return ENVSAMP_ERR_SIZE;
-    if (image->row_stride_bytes % sizeof(float) || (uintptr_t)image->pixels % sizeof(float))
-        return ENVSAMP_ERR_ALIGN;
-    return capacity < desc->count ? ENVSAMP_ERR_MEMORY
-                                  : envsamp__buffers_check(&sizes, scratch, scratch);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, int height,
@@ -6986,33 +6911,41 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
                                             envsamp_texel *texels, int capacity, int *count,
                                             envsamp_buffer scratch)
 {
-    const envsamp_image image = { importance, width, height, 1,
-                                  row_stride_bytes ? row_stride_bytes
-                                                   : (size_t)width * sizeof(float),
-                                  ENVSAMP_LATLONG };
+    const envsamp_image image = { importance, width, height, 1, row_stride_bytes, ENVSAMP_LATLONG };
     const envsamp__pixels map = { &image, NULL };
-    envsamp__arena arena = { NULL, 0 };
+    envsamp__arena arena = { (char *)scratch.data, 0 };
     envsamp__halftone h;
+    envsamp_sizes sizes;
     envsamp_result result;
-    double total;
-    int64_t lit;
-    int wanted;
+    double total = 0.0;
+    int64_t lit = 0;
+    int x;
 
     if (!count)
         return ENVSAMP_ERR_NULL;
     *count = 0;
-    result = envsamp__halftone_check(&image, desc, texels, capacity, scratch);
+    result = importance && texels ? envsamp_halftone_sizes(width, height, desc, &sizes)
+                                  : ENVSAMP_ERR_NULL;
+    if (result == ENVSAMP_OK)
+        result = envsamp__image_check(&image);
+    if (result == ENVSAMP_OK)
+        result = envsamp__floats_check(importance);
+    if (result == ENVSAMP_OK)
+        result = capacity < desc->count ? ENVSAMP_ERR_MEMORY
+                                        : envsamp__buffers_check(&sizes, scratch, scratch);
     if (result != ENVSAMP_OK)
         return result;
-    arena.base = (char *)scratch.data;
-    envsamp__halftone_carve(&h, desc, width, height, &arena);
-    h.map = &map;
-    result = envsamp__importance_total(&h, &total, &lit);
-    if (result != ENVSAMP_OK)
-        return result;
-    wanted = !desc->once || lit > desc->count ? desc->count : (int)lit;
-    envsamp__halftone_scan(&h, &map, total, lit, wanted, texels);
-    *count = wanted;
+    envsamp__halftone_carve(&h, desc, &map, &arena);
+    if (envsamp__sum_columns(&h, 0, height))
+        return ENVSAMP_ERR_VALUE;
+    for (x = 0; x < width; x++) {
+        total += h.sum[x];
+        lit += h.lit_count[x];
+    }
+    if (!(total > 0.0))
+        return ENVSAMP_ERR_BLACK;
+    *count = desc->once && lit < desc->count ? (int)lit : desc->count;
+    envsamp__halftone_scan(&h, total, lit, *count, texels);
     return ENVSAMP_OK;
 }
 
@@ -7045,50 +6978,37 @@ static float envsamp__to_float(double value)
     return value < (double)FLT_MAX ? (float)value : FLT_MAX;
 }
 
-/* ---- squares ----
+/* ---- patches ----
  *
- * Cuts and relaxation do not look at every texel again and again, but at sums over squares of some
- * texels, each of which shines from its middle.
+ * Cuts and relaxation read sums over patches of some texels, each of which shines from its middle.
  */
 
-/* Sums over a square of texels: luminance, it times direction, and channels, by solid angle; and
-   solid angle. */
-typedef struct envsamp__square { double luminance, v[3], rgb[3], sr; } envsamp__square;
+#define ENVSAMP__PATCHES_MAX 256    /* each way, of cuts, */
+#define ENVSAMP__PIECE_PATCHES 128  /* and of pieces */
 
-typedef struct envsamp__squares {
+/* Sums over texels by solid angle: luminance, luminance x direction, channels; and solid angle. */
+typedef struct envsamp__patch { double luminance, v[3], rgb[3], sr; } envsamp__patch;
+
+typedef struct envsamp__patches {
     const envsamp_image *image;
     const envsamp__pixels *pixels;
-    envsamp__square *at;
-    int wide, tall;             /* of a square, in texels; */
+    envsamp__patch *at;
+    int wide, tall;             /* of a patch, in texels; */
     int across, down;           /* how many there are */
-    double *middle;             /* across x 2: cosine and sine of the azimuth of their middles */
-    double *turn;               /* width x 2: the same of a column of texels */
-    double *polar;              /* height x 2: sine and cosine of the polar angle of a row's */
+    double *azimuth, *polar;    /* of columns, rows: see envsamp__fill_angles */
     const uint8_t *labels;      /* of all texels; NULL: every texel counts, */
     uint8_t label;              /* else those of this label do */
-} envsamp__squares;
+} envsamp__patches;
 
-/* Squares as large as they must be for no more than so many each way; narrower where that leaves
-   few. */
-static void envsamp__squares_carve(envsamp__squares *s, const envsamp_image *image,
-                                   const envsamp__pixels *pixels, int most, envsamp__arena *arena)
-{
-    s->image = image;
-    s->pixels = pixels;
-    for (s->wide = 1; image->width > most * s->wide || image->height > most * s->wide; )
-        s->wide *= 2;
-    for (s->tall = s->wide; s->tall > 1 && image->height <= most / 4 * s->tall; )
-        s->tall /= 2;
-    while (s->wide > 1 && image->width <= most / 4 * s->wide)
-        s->wide /= 2;
-    s->across = (image->width + s->wide - 1) / s->wide;
-    s->down = (image->height + s->tall - 1) / s->tall;
-    s->at = (envsamp__square *)envsamp__take(arena, (uint64_t)s->across * (uint64_t)s->down,
-                                             sizeof(envsamp__square));
-    s->middle = (double *)envsamp__take(arena, 2 * (uint64_t)s->across, sizeof(double));
-    s->turn = (double *)envsamp__take(arena, 2 * (uint64_t)image->width, sizeof(double));
-    s->polar = (double *)envsamp__take(arena, 2 * (uint64_t)image->height, sizeof(double));
-}
+/* A rectangle of texels: whole patches, or within one. */
+typedef struct envsamp__region {
+    uint16_t x0, y0, x1, y1;
+    int copies;                 /* lights that share it, where it cannot be cut */
+    int light;                  /* RELAXED: the nearest */
+    double key;                 /* the next to be cut has the largest; below 0: cannot be cut */
+    double spread, extent;      /* DECOMPOSED: standard deviation x solid angle, longer side */
+    envsamp__patch sum;
+} envsamp__region;
 
 static double envsamp__dot(const double a[3], const double b[3])
 {
@@ -7106,335 +7026,255 @@ static int envsamp__normalise(const double v[3], float dir[3])
     return length > 0.0;
 }
 
-/* How many of some texels of a row count. */
-static int envsamp__count_texels(const envsamp__squares *s, int x, int y, int count)
+/* Sine and cosine of the azimuth or polar angle in the middle of every column or row of texels,
+   then of patches; of an OCTAHEDRAL map u or v. `turns`: the range of angles, in half turns. */
+static void envsamp__fill_angles(const envsamp__patches *p, double *angle, int texels, int side,
+                                 double turns)
 {
-    const uint8_t *label = s->labels;
-    int i, found = 0;
+    int count = texels + (texels + side - 1) / side, i;
 
-    if (!label)
-        return count;
-    label += (size_t)y * (size_t)s->image->width + (size_t)x;
-    for (i = 0; i < count; i++)
-        found += label[i] == s->label;
-    return found;
+    for (i = 0; i < count; i++, angle += 2) {
+        int from = i < texels ? i : (i - texels) * side;
+        int to = i < texels ? i + 1 : envsamp__min(from + side, texels);
+
+        if (p->image->mapping == ENVSAMP_OCTAHEDRAL)
+            angle[0] = 0.5 * (double)(from + to) / (double)texels;
+        else
+            envsamp__sincos_pi(0.5 * turns * (double)(from + to) / (double)texels, &angle[0],
+                               &angle[1]);
+    }
 }
 
-/* Sums of the channels of at most ENVSAMP__CHUNK columns between two rows, by solid angle, and
-   that. Returns how many pixels are bad. */
-static size_t envsamp__sum_texel_columns(const envsamp__squares *s, int x, int count, int y0,
+/* Direction of the middle of a texel, or, beyond those, of a patch. */
+static void envsamp__table_dir(const envsamp__patches *p, int column, int row, double dir[3])
+{
+    const double *azimuth = p->azimuth + 2 * column, *polar = p->polar + 2 * row;
+    float at[3];
+    int c;
+
+    if (p->image->mapping != ENVSAMP_OCTAHEDRAL) {
+        dir[0] = azimuth[1] * polar[0];
+        dir[1] = azimuth[0] * polar[0];
+        dir[2] = polar[1];
+        return;
+    }
+    envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, (float)azimuth[0], (float)polar[0], at);
+    for (c = 0; c < 3; c++)
+        dir[c] = (double)at[c];
+}
+
+/* Steps from (x, y) to the next texel of a rectangle that counts, row after row, from the one
+   before its first; returns 0 after the last. */
+static int envsamp__next_texel(const envsamp__patches *p, const envsamp__region *r, int *x, int *y)
+{
+    for (;;) {
+        if (++*x == r->x1) {
+            *x = r->x0;
+            if (++*y == r->y1)
+                return 0;
+        }
+        if (!p->labels
+            || p->labels[(size_t)*y * (size_t)p->image->width + (size_t)*x] == p->label)
+            return 1;
+    }
+}
+
+/* Adds channels that shine from a direction. */
+static void envsamp__add_light(const envsamp_image *image, const double rgb[3], double sr,
+                               const double dir[3], envsamp__patch *sum)
+{
+    double luminance = envsamp__luminance(rgb, image->channels);
+    int c;
+
+    sum->sr += sr;
+    sum->luminance += luminance;
+    for (c = 0; c < 3; c++) {
+        sum->v[c] += luminance * dir[c];
+        sum->rgb[c] += rgb[image->channels == 1 ? 0 : c];
+    }
+}
+
+static void envsamp__add_texel_light(const envsamp__patches *p, int x, int y,
+                                     envsamp__patch *sum)
+{
+    double rgb[3], dir[3], sr = p->pixels->row_sr[y];
+    int c;
+
+    envsamp__texel_value(p->image, x, y, rgb);
+    for (c = 0; c < 3; c++)
+        rgb[c] *= sr;
+    envsamp__table_dir(p, x, y, dir);
+    envsamp__add_light(p->image, rgb, sr, dir, sum);
+}
+
+/* Adds a patch to a sum: copies of both, and no loops, so that compilers vectorise at -O2. */
+static void envsamp__add_patch(const envsamp__patch *patch, envsamp__patch *sum)
+{
+    envsamp__patch a = *patch, b = *sum;
+
+    sum->luminance = b.luminance + a.luminance;
+    sum->v[0] = b.v[0] + a.v[0];
+    sum->v[1] = b.v[1] + a.v[1];
+    sum->v[2] = b.v[2] + a.v[2];
+    sum->rgb[0] = b.rgb[0] + a.rgb[0];
+    sum->rgb[1] = b.rgb[1] + a.rgb[1];
+    sum->rgb[2] = b.rgb[2] + a.rgb[2];
+    sum->sr = b.sr + a.sr;
+}
+
+/* Sums of the channels of at most ENVSAMP__CHUNK columns between two rows by solid angle, and that.
+   Returns how many pixels are bad. */
+static size_t envsamp__sum_texel_columns(const envsamp__patches *p, int x, int count, int y0,
                                          int y1, double *sum, double *sr)
 {
-    int channels = s->image->channels, y, i;
+    int channels = p->image->channels, y, i, end;
     float mended[4 * ENVSAMP__CHUNK];
     double whole = 0.0;
     size_t bad = 0;
 
-    ENVSAMP_MEMSET(sum, 0, (size_t)(channels * count) * sizeof(double));
-    ENVSAMP_MEMSET(sr, 0, (size_t)count * sizeof(double));
+    ENVSAMP_MEMSET(sum, 0, (size_t)(channels * count) * sizeof *sum);
+    ENVSAMP_MEMSET(sr, 0, (size_t)count * sizeof *sr);
     for (y = y0; y < y1; y++) {
-        double weight = s->pixels->row_sr[y];
-        int found = envsamp__count_texels(s, x, y, count);
-        const float *pixel;
+        const uint8_t *label = p->labels ? p->labels + (size_t)y * (size_t)p->image->width
+                                           + (size_t)x : NULL;
+        double row_sr = p->pixels->row_sr[y];
+        const float *pixel = NULL;
 
-        if (found == 0)
-            continue;
-        pixel = envsamp__read_pixels(envsamp__pixel_at(s->image, x, y), channels, count, mended,
-                                     &bad);
-        if (found == count) {
-            envsamp__add_floats(pixel, channels * count, weight, sum);
-            whole += weight;
-            continue;
+        for (i = 0; i < count; i = end) {       /* runs of texels that count */
+            while (label && i < count && label[i] != p->label)
+                i++;
+            for (end = label ? i : count; end < count && label[end] == p->label; )
+                end++;
+            if (!pixel && i < end)
+                pixel = envsamp__read_pixels(envsamp__pixel_at(p->image, x, y), channels, count,
+                                             mended, &bad);
+            if (i < end)
+                envsamp__add_floats(pixel + i * channels, channels * (end - i), row_sr,
+                                    sum + i * channels);
+            whole += end - i == count ? row_sr : 0.0;
+            for (; i < end && end - i < count; i++)
+                sr[i] += row_sr;
         }
-        for (i = 0; i < count; i++)
-            if (envsamp__count_texels(s, x + i, y, 1)) {
-                envsamp__add_floats(pixel + i * channels, channels, weight, sum + i * channels);
-                sr[i] += weight;
-            }
     }
     for (i = 0; i < count; i++)
         sr[i] += whole;
     return bad;
 }
 
-/* Adds channels of some texels to a square. */
-static void envsamp__add_to_square(const envsamp_image *image, const double rgb[3], double sr,
-                                   const double dir[3], envsamp__square *square)
-{
-    double luminance = envsamp__luminance(rgb, image->channels);
-    int c;
-
-    square->sr += sr;
-    square->luminance += luminance;
-    for (c = 0; c < 3; c++) {
-        square->v[c] += luminance * dir[c];
-        square->rgb[c] += rgb[image->channels == 1 ? 0 : c];
-    }
-}
-
-/* Direction of the middle of texels x0 to x1, y0 to y1. */
-static void envsamp__middle_dir(const envsamp_image *image, int x0, int y0, int x1, int y1,
-                                float dir[3])
-{
-    envsamp_uv_to_dir(image->mapping, 0.5f * (float)(x0 + x1) / (float)image->width,
-                      0.5f * (float)(y0 + y1) / (float)image->height, dir);
-}
-
-/* The same by cosine and sine of its azimuth, and sine and cosine of its polar angle, from tables,
-   which an octahedral map cannot use. */
-static void envsamp__table_dir(const envsamp_image *image, int x0, int y0, int x1, int y1,
-                               const double *turn, double sine, double cosine, double dir[3])
-{
-    float exact[3];
-    int c;
-
-    if (image->mapping == ENVSAMP_OCTAHEDRAL) {
-        envsamp__middle_dir(image, x0, y0, x1, y1, exact);
-        for (c = 0; c < 3; c++)
-            dir[c] = (double)exact[c];
-        return;
-    }
-    dir[0] = turn[0] * sine;
-    dir[1] = turn[1] * sine;
-    dir[2] = cosine;
-}
-
-/* Direction of the middle of a texel. */
-static void envsamp__texel_dir(const envsamp__squares *s, int x, int y, double dir[3])
-{
-    envsamp__table_dir(s->image, x, y, x + 1, y + 1, s->turn + 2 * x, s->polar[2 * y],
-                       s->polar[2 * y + 1], dir);
-}
-
-/* A row of squares; returns how many of its pixels are bad. */
-static size_t envsamp__make_square_row(envsamp__squares *s, int row)
-{
-    size_t bad = 0;
-    const envsamp_image *image = s->image;
-    int y0 = row * s->tall, y1 = envsamp__min(y0 + s->tall, image->height), x, i, c;
-    double polar = image->mapping == ENVSAMP_LATLONG ? 0.5 : 0.25, sine, cosine;
-    double sum[4 * ENVSAMP__CHUNK], columns[ENVSAMP__CHUNK], dir[3];
-
-    envsamp__sincos_pi(polar * (double)(y0 + y1) / (double)image->height, &sine, &cosine);
-    for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
-        int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
-        int step = envsamp__min(s->wide, count);
-
-        bad += envsamp__sum_texel_columns(s, x, count, y0, y1, sum, columns);
-        for (i = 0; i < count; i += step) {
-            double rgb[3] = { 0.0, 0.0, 0.0 }, sr = 0.0;
-            int square = (x + i) / s->wide, k;
-
-            for (k = i; k < envsamp__min(i + step, count); k++) {
-                for (c = 0; c < envsamp__min(image->channels, 3); c++)
-                    rgb[c] += sum[k * image->channels + c];
-                sr += columns[k];
-            }
-            envsamp__table_dir(image, square * s->wide, y0,
-                               envsamp__min((square + 1) * s->wide, image->width), y1,
-                               s->middle + 2 * square, sine, cosine, dir);
-            envsamp__add_to_square(image, rgb, sr, dir, &s->at[row * s->across + square]);
-        }
-    }
-    return bad;
-}
-
-/* Returns how many pixels are bad. */
-static size_t envsamp__make_squares(envsamp__squares *s)
-{
-    size_t bad = 0;
-    double polar = s->image->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5;
-    int width = s->image->width, height = s->image->height, x, y;
-
-    ENVSAMP_MEMSET(s->at, 0, (size_t)s->across * (size_t)s->down * sizeof *s->at);
-    for (x = 0; x < s->across; x++)
-        envsamp__sincos_pi((double)(x * s->wide + envsamp__min((x + 1) * s->wide, width))
-                           / (double)width, &s->middle[2 * x + 1], &s->middle[2 * x]);
-    for (x = 0; x < width; x++)
-        envsamp__sincos_pi(2.0 * ((double)x + 0.5) / (double)width, &s->turn[2 * x + 1],
-                           &s->turn[2 * x]);
-    for (y = 0; y < height; y++)
-        envsamp__sincos_pi(polar * ((double)y + 0.5) / (double)height, &s->polar[2 * y],
-                           &s->polar[2 * y + 1]);
-    for (y = 0; y < s->down; y++)
-        bad += envsamp__make_square_row(s, y);
-    return bad;
-}
-
-static void envsamp__add_square_texel(const envsamp__squares *s, int x, int y,
-                                      envsamp__square *sum)
-{
-    double rgb[3], dir[3], sr = s->pixels->row_sr[y];
-    int c;
-
-    envsamp__texel_value(s->image, x, y, rgb);
-    for (c = 0; c < 3; c++)
-        rgb[c] *= sr;
-    envsamp__texel_dir(s, x, y, dir);
-    envsamp__add_to_square(s->image, rgb, sr, dir, sum);
-}
-
-/* A rectangle of texels, some within one square. */
-static envsamp__square envsamp__sum_texels(const envsamp__squares *s, int x0, int y0, int x1,
-                                           int y1)
-{
-    envsamp__square total;
-    int x, y;
-
-    ENVSAMP_MEMSET(&total, 0, sizeof total);
-    for (y = y0; y < y1; y++)
-        for (x = x0; x < x1; x++)
-            if (envsamp__count_texels(s, x, y, 1))
-                envsamp__add_square_texel(s, x, y, &total);
-    return total;
-}
-
-static void envsamp__add_square(const envsamp__square *square, envsamp__square *total)
-{
-    int c;
-
-    total->luminance += square->luminance;
-    total->sr += square->sr;
-    for (c = 0; c < 3; c++) {
-        total->v[c] += square->v[c];
-        total->rgb[c] += square->rgb[c];
-    }
-}
-
-/* A rectangle of whole squares. */
-static envsamp__square envsamp__sum_squares(const envsamp__squares *s, int x0, int y0, int x1,
-                                            int y1)
-{
-    envsamp__square total;
-    int x, y;
-
-    ENVSAMP_MEMSET(&total, 0, sizeof total);
-    for (y = y0 / s->tall; y * s->tall < y1; y++)
-        for (x = x0 / s->wide; x * s->wide < x1; x++)
-            envsamp__add_square(&s->at[y * s->across + x], &total);
-    return total;
-}
-
-/* Whether a rectangle of texels is longer across than down, on the sphere. `longer`, unless NULL:
-   how long, in half turns. */
-static int envsamp__is_wide(const envsamp_image *image, int x0, int y0, int x1, int y1,
-                            double *longer)
+/* How long a rectangle is on the sphere, across or down, in half turns. */
+static double envsamp__extent(const envsamp_image *image, const envsamp__region *r, int down)
 {
     double polar = image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0, sine = 0.5, cosine;
-    double height = (double)image->height, across, down;
+    double height = (double)image->height;
 
+    if (down)
+        return polar * (double)(r->y1 - r->y0) / height;
     if (image->mapping != ENVSAMP_OCTAHEDRAL)
-        envsamp__sincos_pi(polar * 0.5 * (double)(y0 + y1) / height, &sine, &cosine);
-    across = 2.0 * sine * (double)(x1 - x0) / (double)image->width;
-    down = polar * (double)(y1 - y0) / height;
-    if (longer)
-        *longer = envsamp__max(across, down);
-    return across >= down;
-}
-
-/* Cosine of the half angle of a disc of even light whose centroid is as far from the middle of the
-   sphere as that of some light, which has this sum of luminance x direction. */
-static float envsamp__cone(double luminance, const double v[3])
-{
-    double r = luminance > 0.0 ? ENVSAMP_SQRT(envsamp__dot(v, v)) / luminance : 1.0;
-
-    return (float)envsamp__clamp(2.0 * r - 1.0, -1.0, 1.0);
+        envsamp__sincos_pi(polar * 0.5 * (double)(r->y0 + r->y1) / height, &sine, &cosine);
+    return 2.0 * sine * (double)(r->x1 - r->x0) / (double)image->width;
 }
 
 /* ---- cuts ----
  *
- * A rectangle of squares is cut in two, again and again: MEDIAN_CUT that of most luminance, across
- * its longer side, into equal halves [16]; VARIANCE_CUT that of the largest spread, luminance x
- * squared distance from the centroid, where the spreads of the halves are least [17]. Sums of any
- * rectangle come from a summed-area table; what a light gets is summed anew, so nothing cancels.
+ * A rectangle is cut in two, again and again: that with the largest key first. MEDIAN_CUT: that of
+ * most luminance, across its longer side, into equal halves [16]. VARIANCE_CUT: that of the largest
+ * spread, luminance x squared distance from the centroid, where the spreads of the halves are least
+ * [17]. DECOMPOSED, RELAXED: see there; across the longer side in its middle. Sums are never
+ * differences, so nothing cancels.
  */
 
-#define ENVSAMP__SQUARES_MAX 256    /* each way */
-#define ENVSAMP__SUMS 6
-
-typedef struct envsamp__region {
-    int x0, y0, x1, y1;             /* squares */
-    int copies;                     /* lights that share it, where it cannot be cut */
-    double key;                     /* the next to be cut has the largest */
-    double term[3];                 /* DECOMPOSED: variance, extent and energy */
-} envsamp__region;
-
 typedef struct envsamp__cuts {
-    envsamp__squares squares;
-    double *below;                  /* sums above and left of each corner: luminance, it times
-                                       direction; DECOMPOSED: solid angle, luminance^2 */
-    int sums;                       /* how many: 4 or ENVSAMP__SUMS */
+    envsamp__patches patches;
+    envsamp_lights_method rule;
     envsamp__region *regions;       /* a heap by key */
-    int count, by_variance;
-    double weight[3];               /* DECOMPOSED: of terms in a key */
+    int count;
+    envsamp__patch *line;           /* 2 x ENVSAMP__PATCHES_MAX: sums of rows or columns */
+    double weight[3];               /* DECOMPOSED: of spread, extent and luminance in a key */
 } envsamp__cuts;
 
-static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp_image *image,
-                                const envsamp__pixels *pixels, const envsamp_lights_desc *desc,
-                                envsamp__arena *arena)
+/* For `most` regions. A patch has as few texels as so many patches each way allow; it is narrower
+   where that leaves few. */
+static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp__pixels *pixels,
+                                envsamp_lights_method rule, int most, envsamp__arena *arena)
 {
-    ENVSAMP_MEMSET(cuts, 0, sizeof *cuts);
-    cuts->by_variance = desc->method == ENVSAMP_LIGHTS_VARIANCE_CUT;
-    envsamp__squares_carve(&cuts->squares, image, pixels, ENVSAMP__SQUARES_MAX, arena);
-    cuts->sums = desc->method == ENVSAMP_LIGHTS_DECOMPOSED ? ENVSAMP__SUMS : 4;
-    cuts->below = (double *)envsamp__take(arena, ((uint64_t)cuts->squares.across + 1)
-                                          * ((uint64_t)cuts->squares.down + 1),
-                                          (size_t)cuts->sums * sizeof(double));
-    cuts->regions = ENVSAMP__TAKE(envsamp__region, arena, desc->count);
+    int side = rule == ENVSAMP_LIGHTS_RELAXED ? ENVSAMP__PIECE_PATCHES : ENVSAMP__PATCHES_MAX;
+    const envsamp_image *image = pixels->image;
+    envsamp__patches *p = &cuts->patches;
+
+    p->image = image;
+    p->pixels = pixels;
+    for (p->wide = 1; envsamp__max_int(image->width, image->height) > side * p->wide; )
+        p->wide *= 2;
+    for (p->tall = p->wide; p->tall > 1 && image->height <= side / 4 * p->tall; )
+        p->tall /= 2;
+    while (p->wide > 1 && image->width <= side / 4 * p->wide)
+        p->wide /= 2;
+    p->across = (image->width + p->wide - 1) / p->wide;
+    p->down = (image->height + p->tall - 1) / p->tall;
+    p->at = ENVSAMP__TAKE(envsamp__patch, arena, p->across * p->down);
+    p->azimuth = ENVSAMP__TAKE(double, arena, 2 * (image->width + p->across));
+    p->polar = ENVSAMP__TAKE(double, arena, 2 * (image->height + p->down));
+    cuts->rule = rule;
+    cuts->regions = ENVSAMP__TAKE(envsamp__region, arena, most);
+    cuts->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__PATCHES_MAX);
 }
 
-static void envsamp__fill_below(envsamp__cuts *cuts)
+static envsamp__region envsamp__make_region(const envsamp__cuts *cuts, int x0, int y0, int x1,
+                                            int y1)
 {
-    int width = cuts->squares.across, sums = cuts->sums, stride = (width + 1) * sums, x, y, i;
-    double *at = cuts->below;
+    const envsamp__patches *p = &cuts->patches;
+    double square = 0.0;
+    envsamp__region r;
+    int x, y;
 
-    for (i = 0; i < stride; i++)
-        *at++ = 0.0;
-    for (y = 0; y < cuts->squares.down; y++) {
-        double row[ENVSAMP__SUMS] = { 0.0 };
-
-        for (i = 0; i < sums; i++)
-            *at++ = 0.0;
-        for (x = 0; x < width; x++) {
-            const envsamp__square *square = &cuts->squares.at[y * width + x];
-
-            row[0] += square->luminance;
-            for (i = 0; i < 3; i++)
-                row[i + 1] += square->v[i];
-            if (sums > 4 && square->sr > 0.0) {
-                row[4] += square->sr;
-                row[5] += square->luminance * square->luminance / square->sr;
-            }
-            for (i = 0; i < sums; i++, at++)
-                *at = at[-stride] + row[i];
-        }
+    ENVSAMP_MEMSET(&r, 0, sizeof r);
+    r.x0 = (uint16_t)x0;
+    r.y0 = (uint16_t)y0;
+    r.x1 = (uint16_t)x1;
+    r.y1 = (uint16_t)y1;
+    r.copies = 1;
+    if ((x1 - x0 < p->wide && x1 < p->image->width) || (y1 - y0 < p->tall && y1 < p->image->height)
+        || x0 % p->wide || y0 % p->tall) {
+        for (x = x0 - 1, y = y0; envsamp__next_texel(p, &r, &x, &y); )
+            envsamp__add_texel_light(p, x, y, &r.sum);
+        return r;
     }
+    for (y = y0 / p->tall; y * p->tall < y1; y++)
+        for (x = x0 / p->wide; x * p->wide < x1; x++) {
+            const envsamp__patch *patch = &p->at[y * p->across + x];
+
+            envsamp__add_patch(patch, &r.sum);
+            if (cuts->rule == ENVSAMP_LIGHTS_DECOMPOSED && patch->sr > 0.0)
+                square += patch->luminance * patch->luminance / patch->sr;
+        }
+    if (cuts->rule != ENVSAMP_LIGHTS_DECOMPOSED)
+        return r;
+    square = square * r.sum.sr - r.sum.luminance * r.sum.luminance;
+    r.spread = ENVSAMP_SQRT(envsamp__max(square, 0.0));
+    r.extent = envsamp__max(envsamp__extent(p->image, &r, 0), envsamp__extent(p->image, &r, 1));
+    return r;
 }
 
-/* Sums of a rectangle. */
-static void envsamp__sum_below(const envsamp__cuts *cuts, int x0, int y0, int x1, int y1,
-                               double sum[ENVSAMP__SUMS])
+static double envsamp__spread(const envsamp__patch *sum)
 {
-    int sums = cuts->sums, stride = (cuts->squares.across + 1) * sums, i;
-    const double *top = cuts->below + y0 * stride, *end = cuts->below + y1 * stride;
-
-    for (i = 0; i < sums; i++)
-        sum[i] = end[x1 * sums + i] - end[x0 * sums + i] - top[x1 * sums + i] + top[x0 * sums + i];
+    return envsamp__max(sum->luminance - envsamp__dot(sum->v, sum->v) / sum->luminance, 0.0);
 }
 
-static double envsamp__spread(const double sum[4])
+static void envsamp__set_key(const envsamp__cuts *cuts, envsamp__region *r)
 {
-    return envsamp__max(sum[0] - (sum[1] * sum[1] + sum[2] * sum[2] + sum[3] * sum[3]) / sum[0],
-                        0.0);
-}
+    int wide = cuts->patches.wide, tall = cuts->patches.tall;
+    int width = r->x1 - r->x0, height = r->y1 - r->y0;
 
-static double envsamp__region_key(const envsamp__cuts *cuts, const envsamp__region *r)
-{
-    double sum[ENVSAMP__SUMS], key;
-
-    envsamp__sum_below(cuts, r->x0, r->y0, r->x1, r->y1, sum);
-    key = cuts->by_variance ? envsamp__spread(sum) + 1e-9 * sum[0] : sum[0];
-    return key / (double)r->copies;
+    r->key = r->sum.luminance / (double)r->copies;
+    if (cuts->rule == ENVSAMP_LIGHTS_VARIANCE_CUT)
+        r->key = 1e-9 * r->key + envsamp__spread(&r->sum) / (double)r->copies;
+    else if (cuts->rule == ENVSAMP_LIGHTS_DECOMPOSED)
+        r->key = width <= wide && height <= tall ? -1.0 : cuts->weight[0] * r->spread
+               + cuts->weight[1] * r->extent + cuts->weight[2] * r->sum.luminance;
+    else if (cuts->rule == ENVSAMP_LIGHTS_RELAXED && width == 1 && height == 1)
+        r->key = -1.0;
+    else if (cuts->rule == ENVSAMP_LIGHTS_RELAXED && (width > 8 * wide || height > 8 * tall))
+        r->key = DBL_MAX;
 }
 
 static void envsamp__sink_region(envsamp__cuts *cuts, int i)
@@ -7452,157 +7292,228 @@ static void envsamp__sink_region(envsamp__cuts *cuts, int i)
     cuts->regions[i] = moved;
 }
 
-static void envsamp__add_region(envsamp__cuts *cuts, const envsamp__region *region)
+/* Makes a heap of regions by other keys. */
+static void envsamp__sort_regions(envsamp__cuts *cuts)
 {
-    int i = cuts->count++;
+    int i;
 
-    for (; i > 0 && cuts->regions[(i - 1) / 2].key < region->key; i = (i - 1) / 2)
-        cuts->regions[i] = cuts->regions[(i - 1) / 2];
-    cuts->regions[i] = *region;
+    for (i = cuts->count; i-- > 0; ) {
+        envsamp__set_key(cuts, &cuts->regions[i]);
+        envsamp__sink_region(cuts, i);
+    }
 }
 
-static int envsamp__is_region_wide(const envsamp__cuts *cuts, const envsamp__region *r,
-                                   double *longer)
+/* Cuts a region across x, or y, where that is best and both parts have more than 1e-9 of its
+   luminance. Returns the cost: how far the parts are from equal, or the sum of their spreads; -1 if
+   there is nowhere to cut. */
+static double envsamp__best_cut(const envsamp__cuts *cuts, const envsamp__region *r, int down,
+                                envsamp__region parts[2])
 {
-    const envsamp__squares *s = &cuts->squares;
+    const envsamp__patches *p = &cuts->patches;
+    int x0 = r->x0 / p->wide, y0 = r->y0 / p->tall, side = down ? p->tall : p->wide, x, y, i;
+    int count = ((down ? r->y1 - r->y0 : r->x1 - r->x0) + side - 1) / side, at = 0;
+    envsamp__patch *line = cuts->line, *after = line + ENVSAMP__PATCHES_MAX, before;
+    double best = -1.0, least = 1e-9 * r->sum.luminance;
 
-    return envsamp__is_wide(s->image, r->x0 * s->wide, r->y0 * s->tall,
-                            envsamp__min(r->x1 * s->wide, s->image->width),
-                            envsamp__min(r->y1 * s->tall, s->image->height), longer);
-}
+    ENVSAMP_MEMSET(line, 0, (size_t)count * sizeof *line);
+    for (y = y0; y * p->tall < r->y1; y++)
+        for (x = x0; x * p->wide < r->x1; x++)
+            envsamp__add_patch(&p->at[y * p->across + x], &line[down ? y - y0 : x - x0]);
+    ENVSAMP_MEMCPY(after, line, (size_t)count * sizeof *line);
+    for (i = count - 1; i-- > 0; )
+        envsamp__add_patch(&after[i + 1], &after[i]);
+    parts[0] = parts[1] = *r;
+    before = line[0];
+    for (i = 1; i < count; envsamp__add_patch(&line[i++], &before)) {
+        double cost = cuts->rule == ENVSAMP_LIGHTS_MEDIAN_CUT
+                    ? ENVSAMP__FABS(before.luminance - after[i].luminance)
+                    : envsamp__spread(&before) + envsamp__spread(&after[i]);
 
-/* Where to cut a region across x, or y, that both parts are lit: the cost, or -1 if nowhere. A cost
-   is how far the parts are from equal, or the sum of their spreads. */
-static double envsamp__best_cut(const envsamp__cuts *cuts, const envsamp__region *r, int vertical,
-                                int *at)
-{
-    int from = vertical ? r->x0 : r->y0, to = vertical ? r->x1 : r->y1, cut;
-    double whole[ENVSAMP__SUMS], a[ENVSAMP__SUMS], b[ENVSAMP__SUMS], best = -1.0;
-
-    envsamp__sum_below(cuts, r->x0, r->y0, r->x1, r->y1, whole);
-    for (cut = from + 1; cut < to; cut++) {
-        double cost;
-
-        envsamp__sum_below(cuts, r->x0, r->y0, vertical ? cut : r->x1, vertical ? r->y1 : cut, a);
-        envsamp__sum_below(cuts, vertical ? cut : r->x0, vertical ? r->y0 : cut, r->x1, r->y1, b);
-        if (!(a[0] > 1e-9 * whole[0] && b[0] > 1e-9 * whole[0]))
-            continue;
-        cost = cuts->by_variance ? envsamp__spread(a) + envsamp__spread(b)
-                                 : ENVSAMP__FABS(a[0] - b[0]);
-        if (best < 0.0 || cost < best) {
+        if (before.luminance > least && after[i].luminance > least
+            && (best < 0.0 || cost < best)) {
             best = cost;
-            *at = cut;
+            at = i * side;
+            parts[0].sum = before;
+            parts[1].sum = after[i];
         }
     }
+    if (down)
+        parts[0].y1 = parts[1].y0 = (uint16_t)(r->y0 + at);
+    else
+        parts[0].x1 = parts[1].x0 = (uint16_t)(r->x0 + at);
     return best;
 }
 
-/* Cuts the region on top of the heap, or has two lights, or more, share it. */
+/* Cuts a region where that is best, unless there is no way to; then returns 0. */
+static int envsamp__cut_region(const envsamp__cuts *cuts, envsamp__region *r,
+                               envsamp__region *rest)
+{
+    int median = cuts->rule == ENVSAMP_LIGHTS_MEDIAN_CUT;
+    int down = median && envsamp__extent(cuts->patches.image, r, 0)
+                         < envsamp__extent(cuts->patches.image, r, 1);
+    envsamp__region parts[2][2];
+    double cost, other = -1.0;
+
+    if (r->copies > 1)
+        return 0;
+    cost = envsamp__best_cut(cuts, r, down, parts[0]);
+    if (cost < 0.0 || !median)
+        other = envsamp__best_cut(cuts, r, !down, parts[1]);
+    down = cost < 0.0 || (other >= 0.0 && other < cost);
+    if (cost >= 0.0 || other >= 0.0) {
+        *r = parts[down][0];
+        *rest = parts[down][1];
+    }
+    return cost >= 0.0 || other >= 0.0;
+}
+
+/* Halves a region across its longer side, whole patches first. Where a half is black the region
+   shrinks to the other. Returns 0 if nothing is left to halve; regions of DECOMPOSED are whole
+   patches. */
+static int envsamp__halve_region(const envsamp__cuts *cuts, envsamp__region *r,
+                                 envsamp__region *rest)
+{
+    const envsamp_image *image = cuts->patches.image;
+
+    for (;;) {
+        int width = r->x1 - r->x0, height = r->y1 - r->y0;
+        int wide = cuts->patches.wide, tall = cuts->patches.tall, down, side, from, middle;
+
+        if (width <= wide && height <= tall && cuts->rule == ENVSAMP_LIGHTS_RELAXED)
+            wide = tall = 1;
+        if (width <= wide && height <= tall)
+            return 0;
+        down = width <= wide || (height > tall && envsamp__extent(image, r, 0)
+                                                  < envsamp__extent(image, r, 1));
+        side = down ? tall : wide;
+        from = down ? r->y0 : r->x0;
+        middle = from + ((down ? height : width) + side - 1) / side / 2 * side;
+        *rest = envsamp__make_region(cuts, down ? r->x0 : middle, down ? middle : r->y0, r->x1,
+                                     r->y1);
+        *r = envsamp__make_region(cuts, r->x0, r->y0, down ? r->x1 : middle,
+                                  down ? middle : r->y1);
+        if (r->sum.luminance > 0.0 && rest->sum.luminance > 0.0)
+            return 1;
+        *r = r->sum.luminance > 0.0 ? *r : *rest;
+    }
+}
+
+/* Cuts the region on top of the heap; one that cannot be cut is shared by one more light. */
 static void envsamp__cut_top(envsamp__cuts *cuts)
 {
     envsamp__region *top = cuts->regions, rest;
-    int x = 0, y = 0, vertical;
-    double across = top->copies > 1 ? -1.0 : envsamp__best_cut(cuts, top, 1, &x);
-    double down = top->copies > 1 ? -1.0 : envsamp__best_cut(cuts, top, 0, &y);
+    int halves = cuts->rule == ENVSAMP_LIGHTS_DECOMPOSED || cuts->rule == ENVSAMP_LIGHTS_RELAXED;
+    int cut = halves ? envsamp__halve_region(cuts, top, &rest)
+                     : envsamp__cut_region(cuts, top, &rest), i;
 
-    if (cuts->by_variance && across >= 0.0 && down >= 0.0)
-        vertical = across <= down;
-    else
-        vertical = down < 0.0 || (across >= 0.0 && envsamp__is_region_wide(cuts, top, NULL));
-    if (across < 0.0 && down < 0.0) {
-        top->key *= (double)top->copies / (double)(top->copies + 1);
-        top->copies++;
-        envsamp__sink_region(cuts, 0);
-        return;
-    }
-    rest = *top;
-    if (vertical)
-        rest.x0 = top->x1 = x;
-    else
-        rest.y0 = top->y1 = y;
-    top->key = envsamp__region_key(cuts, top);
-    rest.key = envsamp__region_key(cuts, &rest);
+    top->copies += !halves && !cut;
+    envsamp__set_key(cuts, top);
     envsamp__sink_region(cuts, 0);
-    envsamp__add_region(cuts, &rest);
+    if (!cut)
+        return;
+    envsamp__set_key(cuts, &rest);
+    for (i = cuts->count++; i > 0 && cuts->regions[(i - 1) / 2].key < rest.key; i = (i - 1) / 2)
+        cuts->regions[i] = cuts->regions[(i - 1) / 2];
+    cuts->regions[i] = rest;
 }
 
-/* One of the lights that share a region, all at its centroid. */
-static void envsamp__region_light(const envsamp__cuts *cuts, const envsamp__region *region,
-                                  envsamp_light *light)
+/* Makes patches, and one region, the whole map; returns how many pixels are bad. */
+static size_t envsamp__begin_cuts(envsamp__cuts *cuts)
 {
-    const envsamp__squares *s = &cuts->squares;
-    int x0 = region->x0 * s->wide, x1 = envsamp__min(region->x1 * s->wide, s->image->width);
-    int y0 = region->y0 * s->tall, y1 = envsamp__min(region->y1 * s->tall, s->image->height), c;
-    envsamp__square sum = envsamp__sum_squares(s, x0, y0, x1, y1);
-    double copies = (double)region->copies;
+    envsamp__patches *p = &cuts->patches;
+    const envsamp_image *image = p->image;
+    int width = image->width, height = image->height, channels = image->channels, x, y, k, c;
+    double sum[4 * ENVSAMP__CHUNK], sr[ENVSAMP__CHUNK], dir[3];
+    size_t bad = 0;
+
+    ENVSAMP_MEMSET(p->at, 0, (size_t)(p->across * p->down) * sizeof *p->at);
+    envsamp__fill_angles(p, p->azimuth, width, p->wide, 2.0);
+    envsamp__fill_angles(p, p->polar, height, p->tall,
+                         image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
+    for (y = 0; y < p->down; y++)
+        for (x = 0; x < width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, width - x), end;
+
+            bad += envsamp__sum_texel_columns(p, x, count, y * p->tall,
+                                              envsamp__min((y + 1) * p->tall, height), sum, sr);
+            for (k = 0; k < count; k = end) {
+                int patch = (x + k) / p->wide;
+                double rgb[3] = { 0.0, 0.0, 0.0 }, patch_sr = 0.0;
+
+                for (end = envsamp__min((patch + 1) * p->wide - x, count); k < end; k++) {
+                    for (c = 0; c < envsamp__min(channels, 3); c++)
+                        rgb[c] += sum[k * channels + c];
+                    patch_sr += sr[k];
+                }
+                envsamp__table_dir(p, width + patch, height + y, dir);
+                envsamp__add_light(image, rgb, patch_sr, dir, &p->at[y * p->across + patch]);
+            }
+        }
+    cuts->regions[0] = envsamp__make_region(cuts, 0, 0, width, height);
+    envsamp__set_key(cuts, cuts->regions);
+    cuts->count = 1;
+    return bad;
+}
+
+/* One of `copies` lights that stand for a sum: with the cone of an even disc whose centroid is as
+   far from the middle of the sphere. */
+static void envsamp__set_light(const envsamp__patch *sum, const float dir[3], int copies,
+                               envsamp_light *light)
+{
+    double r = sum->luminance > 0.0 ? ENVSAMP_SQRT(envsamp__dot(sum->v, sum->v)) / sum->luminance
+                                    : 1.0;
+    int c;
 
     ENVSAMP_MEMSET(light, 0, sizeof *light);
-    if (!envsamp__normalise(sum.v, light->dir))
-        envsamp__middle_dir(s->image, x0, y0, x1, y1, light->dir);
+    ENVSAMP_MEMCPY(light->dir, dir, sizeof light->dir);
     for (c = 0; c < 3; c++)
-        light->irradiance[c] = envsamp__to_float(sum.rgb[c] / copies);
-    light->solid_angle = (float)(sum.sr / copies);
-    light->cos_extent = envsamp__cone(sum.luminance, sum.v);
+        light->irradiance[c] = envsamp__to_float(sum->rgb[c] / (double)copies);
+    light->solid_angle = (float)(sum->sr / (double)copies);
+    light->cos_extent = (float)envsamp__clamp(2.0 * r - 1.0, -1.0, 1.0);
+}
+
+/* Direction of the centroid of a region, or of its middle. */
+static void envsamp__region_dir(const envsamp_image *image, const envsamp__region *r, float dir[3])
+{
+    if (!envsamp__normalise(r->sum.v, dir))
+        envsamp_uv_to_dir(image->mapping, 0.5f * (float)(r->x0 + r->x1) / (float)image->width,
+                          0.5f * (float)(r->y0 + r->y1) / (float)image->height, dir);
 }
 
 static void envsamp__region_lights(const envsamp__cuts *cuts, envsamp_light *lights)
 {
     int i, k;
 
-    for (i = 0; i < cuts->count; i++, lights += k) {
-        envsamp__region_light(cuts, &cuts->regions[i], lights);
-        for (k = 1; k < cuts->regions[i].copies; k++)
-            lights[k] = lights[0];
-    }
-}
+    for (i = 0; i < cuts->count; i++)
+        for (k = 0; k < cuts->regions[i].copies; k++) {
+            float dir[3];
 
-/* Begins with sums, and one region, the whole map. */
-static void envsamp__begin_cuts(envsamp__cuts *cuts)
-{
-    envsamp__region whole = { 0, 0, 0, 0, 1, 0.0, { 0.0 } };
-
-    whole.x1 = cuts->squares.across;
-    whole.y1 = cuts->squares.down;
-    envsamp__fill_below(cuts);
-    envsamp__add_region(cuts, &whole);
-}
-
-/* Cuts until there are so many lights. */
-static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *lights)
-{
-    int made;
-
-    envsamp__begin_cuts(cuts);
-    for (made = 1; made < count; made++)
-        envsamp__cut_top(cuts);
-    envsamp__region_lights(cuts, lights);
+            envsamp__region_dir(cuts->patches.image, &cuts->regions[i], dir);
+            envsamp__set_light(&cuts->regions[i].sum, dir, cuts->regions[i].copies, lights++);
+        }
 }
 
 /* ---- relaxed ----
  *
  * The map is halved into pieces of at most 1/32 of a light's luminance or single texels, each a
- * direction with a weight. Of the pieces the lights start where those of one light are farthest
- * from it; Lloyd's relaxation moves every light to the centroid of the pieces that are nearest to
- * it. Then directions and weights are sought that minimise
+ * direction with a weight. Lights start on the pieces that are farthest from the lights before, and
+ * Lloyd's relaxation moves them to centroids. Then directions and weights are sought that minimise
  *
  *     2 sum_ij w_i m_j |x_i - p_j| - sum_ik w_i w_k |x_i - x_k|    with    sum w = sum m, w >= 0,
  *
  * where x, w are the lights and p, m the pieces. This is, but for a constant, the squared error of
  * the light in a spherical cap, averaged over all caps [15]: what a horizon and the shadow of a
- * ball cut out of the map. The weights fall to their minimum by exchanges between two lights, at
- * last channel by channel. For directions it is lowered by a step that puts x_i where
+ * ball cut out of the map. Lights exchange weight in pairs until it is least, at last channel by
+ * channel; with momentum [20] they step to where x_i solves
  *
  *     sum_j m_j (x - p_j) / |x_i - p_j| = sum_k w_k (x_i - x_k) / |x_i - x_k|
  *
  * (chords to the pieces lie below parabolas that touch them where x_i was, those to other lights
- * above their tangents), with momentum [20] for each light that is not turned back; the least sum
- * met is kept. Then the light of least weight goes to where another has most to do, some rounds
- * follow, and the lights go back if these did not lower the sum; and so on. Other starts and
- * objectives: bench/experiments.md.
+ * above their tangents). Again and again the light of least weight goes to where another has most
+ * to do; the lights go back if that does not lower the sum. bench/experiments.md has other ways.
  */
 
 #define ENVSAMP__PIECES_PER_LIGHT 32        /* a piece has that part of a light's at most */
-#define ENVSAMP__PIECE_SQUARES 128          /* each way */
 #define ENVSAMP__PIECES_MAX 32768
 #define ENVSAMP__DISTANCES_MAX (1 << 25)    /* in all rounds */
 #define ENVSAMP__RELAX_ROUNDS 8             /* of Lloyd's, before the moves */
@@ -7611,171 +7522,52 @@ static void envsamp__cut_lights(envsamp__cuts *cuts, int count, envsamp_light *l
 #define ENVSAMP__WEIGH_SWEEPS 64            /* of the weights, at last */
 #define ENVSAMP__POINTS 8                   /* pieces that are looked at together: a constant, so
                                                that compilers vectorise at -O2 too */
+#define ENVSAMP__POINT_GROUPS(points) (((size_t)(points) + ENVSAMP__POINTS - 1) / ENVSAMP__POINTS)
 
-/* A rectangle of the map. */
-typedef struct envsamp__piece {
-    int x0, y0, x1, y1;         /* texels */
-    int light;                  /* that is nearest */
-    float dir[3];               /* of the centroid of its luminance */
-    envsamp__square sum;
-} envsamp__piece;
-
-/* Directions of some pieces or lights, and their shares: of none, where there are no more. */
+/* Directions and shares of pieces or lights; after the last the shares are 0. */
 typedef struct envsamp__points {
     float x[ENVSAMP__POINTS], y[ENVSAMP__POINTS], z[ENVSAMP__POINTS], weight[ENVSAMP__POINTS];
 } envsamp__points;
 
-/* Sums over points: share / chord, times direction and alone, and share x chord. */
-typedef struct envsamp__field { double toward[3], share, chord; } envsamp__field;
-
+/* A light while it moves. */
 typedef struct envsamp__mover {
-    envsamp__field field;       /* of the pieces, where the light stands */
-    double chord;               /* mean chord to all lights */
-    double weight, best_weight; /* now, and where the energy was least, */
-    float best[3], next[3];     /* where the light was; and after a step, without momentum */
+    float axis[3];              /* its direction, */
+    float next[3];              /* the same after a step, without momentum, */
+    float best[3];              /* and where the energy was least */
+    int held;                   /* pieces that are nearest to it, */
+    envsamp__patch sum;         /* and their sums */
+    double weight, best_weight; /* now, and where the energy was least */
+    double toward[3];           /* sum of share x direction / chord over the pieces, */
+    double chord, lights_chord; /* and of share x chord, over the pieces and over the lights */
     int tried;                  /* another was sent to it in vain */
 } envsamp__mover;
 
 typedef struct envsamp__relaxation {
-    envsamp__squares squares;
-    envsamp__piece *pieces;
-    int count, most;
+    envsamp__cuts cuts;         /* into pieces */
+    int most;                   /* pieces */
     envsamp__points *points;    /* the pieces again, for loops over many of them, */
     envsamp__points *places;    /* and the lights */
     int lights;
-    envsamp__square *sum;       /* of every light, over its pieces, */
-    int *held;                  /* and how many it has */
-    float *axis;                /* count of lights x 3: directions */
-    envsamp__mover *movers;     /* more of each light */
+    envsamp__mover *movers;
     double energy;              /* the least found */
     float *row, *other;         /* chords from two of the lights to all */
     float *reach;               /* squared chord of each piece to its light */
 } envsamp__relaxation;
 
-static uint64_t envsamp__point_groups(uint64_t points)
+static void envsamp__relaxation_carve(envsamp__relaxation *r, const envsamp__pixels *pixels,
+                                      int lights, envsamp__arena *arena)
 {
-    return (points + ENVSAMP__POINTS - 1) / ENVSAMP__POINTS;
-}
+    size_t groups = ENVSAMP__POINT_GROUPS(lights);
 
-static void envsamp__relaxation_carve(envsamp__relaxation *r, const envsamp_image *image,
-                                      const envsamp__pixels *pixels, int lights,
-                                      envsamp__arena *arena)
-{
-    uint64_t count = (uint64_t)lights, most;
-
-    ENVSAMP_MEMSET(r, 0, sizeof *r);
     r->lights = lights;
-    envsamp__squares_carve(&r->squares, image, pixels, ENVSAMP__PIECE_SQUARES, arena);
-    most = 1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count;
-    r->most = (int)(most < ENVSAMP__PIECES_MAX ? most : ENVSAMP__PIECES_MAX);
-    most = (uint64_t)r->most;
-    r->pieces = (envsamp__piece *)envsamp__take(arena, most, sizeof(envsamp__piece));
-    r->points = (envsamp__points *)envsamp__take(arena, envsamp__point_groups(most),
-                                                 sizeof(envsamp__points));
-    r->places = (envsamp__points *)envsamp__take(arena, envsamp__point_groups(count),
-                                                 sizeof(envsamp__points));
-    r->sum = (envsamp__square *)envsamp__take(arena, count, sizeof(envsamp__square));
-    r->held = (int *)envsamp__take(arena, count, sizeof(int));
-    r->axis = (float *)envsamp__take(arena, 3 * count, sizeof(float));
-    r->movers = (envsamp__mover *)envsamp__take(arena, count, sizeof(envsamp__mover));
-    count = envsamp__point_groups(count) * ENVSAMP__POINTS;
-    r->row = (float *)envsamp__take(arena, count, sizeof(float));
-    r->other = (float *)envsamp__take(arena, count, sizeof(float));
-    most = envsamp__point_groups(most) * ENVSAMP__POINTS;
-    r->reach = (float *)envsamp__take(arena, most, sizeof(float));
-}
-
-/* A rectangle of the map: whole squares, or within one of them. */
-static envsamp__piece envsamp__make_piece(const envsamp__relaxation *r, int x0, int y0, int x1,
-                                          int y1)
-{
-    int whole = x0 % r->squares.wide == 0 && y0 % r->squares.tall == 0
-             && (x1 % r->squares.wide == 0 || x1 == r->squares.image->width)
-             && (y1 % r->squares.tall == 0 || y1 == r->squares.image->height);
-    envsamp__piece piece;
-
-    ENVSAMP_MEMSET(&piece, 0, sizeof piece);
-    piece.sum = whole ? envsamp__sum_squares(&r->squares, x0, y0, x1, y1)
-                      : envsamp__sum_texels(&r->squares, x0, y0, x1, y1);
-    piece.x0 = x0;
-    piece.y0 = y0;
-    piece.x1 = x1;
-    piece.y1 = y1;
-    if (!envsamp__normalise(piece.sum.v, piece.dir))
-        envsamp__middle_dir(r->squares.image, x0, y0, x1, y1, piece.dir);
-    return piece;
-}
-
-/* The middle of an interval, at the edge of a square if there is one. */
-static int envsamp__middle(int from, int to, int side)
-{
-    int middle = from + (to - from) / 2;
-
-    return to - from > side ? (middle + side - 1) / side * side : middle;
-}
-
-/* Halves a piece across its longer side, whole squares first; the other half goes to the end,
-   unless it is black. */
-static void envsamp__halve_piece(envsamp__relaxation *r, int i)
-{
-    envsamp__piece p = r->pieces[i], rest;
-    int x = p.x1, y = p.y1, wide = r->squares.wide, tall = r->squares.tall, across;
-    int whole = x - p.x0 > wide || y - p.y0 > tall;
-
-    if ((x - p.x0 > (whole ? wide : 1)) != (y - p.y0 > (whole ? tall : 1)))
-        across = x - p.x0 > (whole ? wide : 1);
-    else
-        across = envsamp__is_wide(r->squares.image, p.x0, p.y0, p.x1, p.y1, NULL);
-    if (across)
-        x = envsamp__middle(p.x0, p.x1, wide);
-    else
-        y = envsamp__middle(p.y0, p.y1, tall);
-    r->pieces[i] = envsamp__make_piece(r, p.x0, p.y0, x, y);
-    rest = x < p.x1 ? envsamp__make_piece(r, x, p.y0, p.x1, p.y1)
-                    : envsamp__make_piece(r, p.x0, y, p.x1, p.y1);
-    if (!(r->pieces[i].sum.luminance > 0.0))
-        r->pieces[i] = rest;
-    else if (rest.sum.luminance > 0.0)
-        r->pieces[r->count++] = rest;
-}
-
-static int envsamp__is_texel(const envsamp__piece *p)
-{
-    return p->x1 - p->x0 == 1 && p->y1 - p->y0 == 1;
-}
-
-/* Halves every piece once that is large, or brighter than `most`; returns how many there were. */
-static int envsamp__halve_pieces(envsamp__relaxation *r, double most)
-{
-    int wide = 8 * r->squares.wide, tall = 8 * r->squares.tall, count = r->count, halved = 0, i;
-
-    for (i = 0; i < count && r->count < r->most; i++) {
-        const envsamp__piece *p = &r->pieces[i];
-
-        if (!envsamp__is_texel(p) && (p->sum.luminance > most || p->x1 - p->x0 > wide
-                                      || p->y1 - p->y0 > tall)) {
-            envsamp__halve_piece(r, i);
-            halved++;
-        }
-    }
-    return halved;
-}
-
-/* Takes the map apart: halves all pieces that are too large or too bright, in turns, so that where
-   there are too many no part of the map is left whole; then less bright ones, if there is room. */
-static void envsamp__make_pieces(envsamp__relaxation *r, double luminance)
-{
-    double most = luminance / (double)(ENVSAMP__PIECES_PER_LIGHT * r->lights);
-
-    r->pieces[0] = envsamp__make_piece(r, 0, 0, r->squares.image->width, r->squares.image->height);
-    r->count = 1;
-    while (r->count < r->most && envsamp__halve_pieces(r, most))
-        continue;
-    while (r->count < r->most / 2 && most > 0.0) {
-        most = most > 1e-9 * luminance ? 0.5 * most : 0.0;
-        while (r->count < r->most / 2 && envsamp__halve_pieces(r, most))
-            continue;
-    }
+    r->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * lights, ENVSAMP__PIECES_MAX);
+    envsamp__cuts_carve(&r->cuts, pixels, ENVSAMP_LIGHTS_RELAXED, r->most, arena);
+    r->points = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(r->most));
+    r->places = ENVSAMP__TAKE(envsamp__points, arena, groups);
+    r->movers = ENVSAMP__TAKE(envsamp__mover, arena, lights);
+    r->row = ENVSAMP__TAKE(float, arena, groups * ENVSAMP__POINTS);
+    r->other = ENVSAMP__TAKE(float, arena, groups * ENVSAMP__POINTS);
+    r->reach = ENVSAMP__TAKE(float, arena, ENVSAMP__POINT_GROUPS(r->most) * ENVSAMP__POINTS);
 }
 
 /* Sets one of some points. */
@@ -7789,26 +7581,33 @@ static void envsamp__set_point(envsamp__points *points, int i, const float dir[3
     group->weight[i % ENVSAMP__POINTS] = (float)weight;
 }
 
-/* Copies the pieces' directions, and their shares of luminance or of a channel, 0 to 2, to where
-   loops over them are fast. */
+/* Writes points of the pieces, with shares of luminance or of a channel, 0 to 2. */
 static void envsamp__fill_points(envsamp__relaxation *r, int channel, double total)
 {
+    float dir[3];
     int i;
 
-    ENVSAMP_MEMSET(r->points, 0, (size_t)envsamp__point_groups((uint64_t)r->count)
-                                 * sizeof *r->points);
-    for (i = 0; i < r->count; i++) {
-        const envsamp__square *sum = &r->pieces[i].sum;
+    ENVSAMP_MEMSET(r->points, 0, ENVSAMP__POINT_GROUPS(r->cuts.count) * sizeof *r->points);
+    for (i = 0; i < r->cuts.count; i++) {
+        const envsamp__patch *sum = &r->cuts.regions[i].sum;
         double weight = channel < 0 ? sum->luminance : sum->rgb[channel];
 
-        envsamp__set_point(r->points, i, r->pieces[i].dir, total > 0.0 ? weight / total : 0.0);
+        envsamp__region_dir(r->cuts.patches.image, &r->cuts.regions[i], dir);
+        envsamp__set_point(r->points, i, dir, total > 0.0 ? weight / total : 0.0);
     }
 }
 
-/* The share of a piece. */
-static double envsamp__share(const envsamp__relaxation *r, int i)
+/* Makes pieces: halves those that are large, then the brightest, until all have little luminance,
+   and as many more as are half of what there is room for. */
+static void envsamp__make_pieces(envsamp__relaxation *r, double luminance)
 {
-    return (double)r->points[i / ENVSAMP__POINTS].weight[i % ENVSAMP__POINTS];
+    const envsamp__region *top = r->cuts.regions;
+    double bright = luminance / (double)(ENVSAMP__PIECES_PER_LIGHT * r->lights);
+
+    while (r->cuts.count < r->most && top->key >= 0.0
+           && (top->key > bright || r->cuts.count < r->most / 2))
+        envsamp__cut_top(&r->cuts);
+    envsamp__fill_points(r, -1, luminance);
 }
 
 /* Squared chords between some points and a direction. */
@@ -7828,131 +7627,123 @@ static void envsamp__square_chords(const envsamp__points *p, const float *axis,
 static void envsamp__take_pieces(envsamp__relaxation *r, int k)
 {
     float square[ENVSAMP__POINTS];
-    int i, c;
+    int count = r->cuts.count, i, c;
 
-    for (i = 0; i < r->count; i += ENVSAMP__POINTS) {
-        envsamp__square_chords(&r->points[i / ENVSAMP__POINTS], r->axis + 3 * k, square);
-        for (c = 0; c < ENVSAMP__POINTS && i + c < r->count; c++)
+    for (i = 0; i < count; i += ENVSAMP__POINTS) {
+        envsamp__square_chords(&r->points[i / ENVSAMP__POINTS], r->movers[k].axis, square);
+        for (c = 0; c < ENVSAMP__POINTS && i + c < count; c++)
             if (square[c] < r->reach[i + c]) {
                 r->reach[i + c] = square[c];
-                r->pieces[i + c].light = k;
+                r->cuts.regions[i + c].light = k;
             }
     }
 }
 
-/* Leaves all pieces to the first light, farther away than they can be. */
-static void envsamp__drop_pieces(envsamp__relaxation *r)
-{
-    int i;
-
-    for (i = 0; i < r->count; i++) {
-        r->pieces[i].light = 0;
-        r->reach[i] = 5.0f;
-    }
-}
-
-/* Gives every piece to the nearest light. */
-static void envsamp__assign_pieces(envsamp__relaxation *r)
-{
-    int k;
-
-    envsamp__drop_pieces(r);
-    for (k = 0; k < r->lights; k++)
-        envsamp__take_pieces(r, k);
-}
-
-/* The piece that is worst off with its light, most luminance, farthest away, of those that are not
-   alone with it. */
-static int envsamp__worst_piece(const envsamp__relaxation *r)
-{
-    double worst = -1.0;
-    int at = 0, i;
-
-    for (i = 0; i < r->count; i++) {
-        const envsamp__piece *p = &r->pieces[i];
-
-        if (r->held[p->light] > 1 && p->sum.luminance * (double)r->reach[i] > worst) {
-            worst = p->sum.luminance * (double)r->reach[i];
-            at = i;
-        }
-    }
-    return at;
-}
-
-/* Gives each light that has no piece the worst one. There are no fewer pieces than lights. */
-static void envsamp__feed_lights(envsamp__relaxation *r)
+/* Gives every piece to the nearest of the first lights; without any they are the first one's, and
+   farther away than they can be. */
+static void envsamp__assign_pieces(envsamp__relaxation *r, int lights)
 {
     int i, k;
 
-    ENVSAMP_MEMSET(r->held, 0, (size_t)r->lights * sizeof *r->held);
-    for (i = 0; i < r->count; i++)
-        r->held[r->pieces[i].light]++;
-    for (k = 0; k < r->lights; k++)
-        if (r->held[k] == 0) {
-            envsamp__piece *p = &r->pieces[i = envsamp__worst_piece(r)];
-
-            r->held[p->light]--;
-            r->held[k] = 1;
-            p->light = k;
-            r->reach[i] = 0.0f;
-        }
+    for (i = 0; i < r->cuts.count; i++) {
+        r->cuts.regions[i].light = 0;
+        r->reach[i] = 5.0f;
+    }
+    for (k = 0; k < lights; k++)
+        envsamp__take_pieces(r, k);
 }
 
-/* Sums over the pieces of every light, and weights by their shares. */
+/* Puts a light on a piece, and gives it those that it is nearest to. */
+static void envsamp__put_light(envsamp__relaxation *r, int k, int piece)
+{
+    const envsamp__points *group = &r->points[piece / ENVSAMP__POINTS];
+    float *axis = r->movers[k].axis;
+
+    axis[0] = group->x[piece % ENVSAMP__POINTS];
+    axis[1] = group->y[piece % ENVSAMP__POINTS];
+    axis[2] = group->z[piece % ENVSAMP__POINTS];
+    envsamp__take_pieces(r, k);
+}
+
+/* Sums the pieces of every light, and makes its weight their share. First gives each light that has
+   none that with most luminance x squared chord of those that are not alone with theirs. There are
+   no fewer pieces than lights. */
 static void envsamp__sum_pieces(envsamp__relaxation *r)
 {
-    int i;
+    envsamp__region *pieces = r->cuts.regions;
+    envsamp__mover *m = r->movers;
+    double total = 0.0;
+    int count = r->cuts.count, i, k, at;
 
-    ENVSAMP_MEMSET(r->sum, 0, (size_t)r->lights * sizeof *r->sum);
-    for (i = 0; i < r->lights; i++)
-        r->movers[i].weight = 0.0;
-    for (i = 0; i < r->count; i++) {
-        envsamp__add_square(&r->pieces[i].sum, &r->sum[r->pieces[i].light]);
-        r->movers[r->pieces[i].light].weight += envsamp__share(r, i);
-    }
-}
-
-/* Moves every light to the centroid of its pieces; returns 0 if none moves. */
-static int envsamp__centre_lights(envsamp__relaxation *r)
-{
-    int moved = 0, k;
-
-    envsamp__feed_lights(r);
-    envsamp__sum_pieces(r);
     for (k = 0; k < r->lights; k++) {
-        float *axis = r->axis + 3 * k, was[3];
-
-        ENVSAMP_MEMCPY(was, axis, sizeof was);
-        envsamp__normalise(r->sum[k].v, axis);
-        moved += ENVSAMP_MEMCMP(was, axis, sizeof was) != 0;
+        m[k].held = 0;
+        ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
     }
-    return moved;
+    for (i = 0; i < count; i++)
+        m[pieces[i].light].held++;
+    for (k = 0; k < r->lights; k++) {
+        double worst = -1.0;
+
+        for (at = i = 0; i < count && m[k].held == 0; i++)
+            if (m[pieces[i].light].held > 1
+                && pieces[i].sum.luminance * (double)r->reach[i] > worst) {
+                worst = pieces[i].sum.luminance * (double)r->reach[i];
+                at = i;
+            }
+        if (m[k].held > 0)
+            continue;
+        m[pieces[at].light].held--;
+        m[k].held = 1;
+        pieces[at].light = k;
+        r->reach[at] = 0.0f;
+    }
+    for (i = 0; i < count; i++) {
+        envsamp__add_patch(&pieces[i].sum, &m[pieces[i].light].sum);
+        total += pieces[i].sum.luminance;
+    }
+    for (k = 0; k < r->lights; k++)
+        m[k].weight = m[k].sum.luminance / total;
 }
 
-/* Lloyd's relaxation, until no light moves. */
+/* Lloyd's relaxation, from lights to which the pieces are assigned, until no light moves. */
 static void envsamp__relax(envsamp__relaxation *r, int rounds)
 {
-    envsamp__assign_pieces(r);
-    rounds = envsamp__min(rounds, 1 + ENVSAMP__DISTANCES_MAX / (r->count * r->lights));
-    for (; rounds > 0 && envsamp__centre_lights(r); rounds--)
-        envsamp__assign_pieces(r);
+    int most = 1 + ENVSAMP__DISTANCES_MAX / (r->cuts.count * r->lights), moved = 1, i, k;
+
+    for (i = 0; i < rounds && i < most && moved; i++) {
+        envsamp__sum_pieces(r);
+        for (moved = k = 0; k < r->lights; k++) {
+            float was[3];
+
+            ENVSAMP_MEMCPY(was, r->movers[k].axis, sizeof was);
+            envsamp__normalise(r->movers[k].sum.v, r->movers[k].axis);
+            moved |= ENVSAMP_MEMCMP(was, r->movers[k].axis, sizeof was) != 0;
+        }
+        envsamp__assign_pieces(r, r->lights);
+    }
+    envsamp__sum_pieces(r);
 }
 
 /* ---- energy of relaxed lights ---- */
 
-/* Sums over groups of points: floats over 16 groups, doubles over these. */
-static void envsamp__sum_field(const envsamp__points *p, uint64_t groups, const float *axis,
-                               envsamp__field *field)
+/* Sums over the pieces, or the other lights, from where a light stands: share x direction / chord,
+   share / chord, and share x chord. Floats over 16 groups, doubles over these. */
+static void envsamp__sum_field(const envsamp__relaxation *r, int k, int over_lights, double all[5])
 {
-    double all[5] = { 0.0, 0.0, 0.0, 0.0, 0.0 };
-    int g, i, c;
+    const envsamp__points *p = over_lights ? r->places : r->points;
+    size_t groups = ENVSAMP__POINT_GROUPS(over_lights ? r->lights : r->cuts.count), g;
+    float *own = &r->places[k / ENVSAMP__POINTS].weight[k % ENVSAMP__POINTS], kept = *own;
+    int i, c;
 
-    for (; groups > 0; groups -= (uint64_t)g) {
+    *own = 0.0f;
+    for (c = 0; c < 5; c++)
+        all[c] = 0.0;
+    for (; groups > 0; groups -= g) {
         float sum[5][ENVSAMP__POINTS], chord[ENVSAMP__POINTS];
 
         ENVSAMP_MEMSET(sum, 0, sizeof sum);
-        for (g = 0; g < 2 * ENVSAMP__POINTS && (uint64_t)g < groups; g++, p++) {
-            envsamp__square_chords(p, axis, chord);
+        for (g = 0; g < 2 * ENVSAMP__POINTS && g < groups; g++, p++) {
+            envsamp__square_chords(p, r->movers[k].axis, chord);
             for (i = 0; i < ENVSAMP__POINTS; i++)
                 chord[i] += 1e-12f;         /* of a light that stands on a piece */
             envsamp__sqrt_n(chord, ENVSAMP__POINTS);
@@ -7970,20 +7761,7 @@ static void envsamp__sum_field(const envsamp__points *p, uint64_t groups, const 
             for (i = 0; i < ENVSAMP__POINTS; i++)
                 all[c] += (double)sum[c][i];
     }
-    ENVSAMP_MEMCPY(field->toward, all, sizeof field->toward);
-    field->share = all[3];
-    field->chord = all[4];
-}
-
-/* The same over the lights but one, where that stands. */
-static void envsamp__sum_others(const envsamp__relaxation *r, int k, envsamp__field *field)
-{
-    float *weight = &r->places[k / ENVSAMP__POINTS].weight[k % ENVSAMP__POINTS], kept = *weight;
-
-    *weight = 0.0f;
-    envsamp__sum_field(r->places, envsamp__point_groups((uint64_t)r->lights), r->axis + 3 * k,
-                       field);
-    *weight = kept;
+    *own = kept;
 }
 
 /* Chords from a light to all. */
@@ -7992,7 +7770,7 @@ static void envsamp__fill_row(const envsamp__relaxation *r, int k, float *row)
     int i;
 
     for (i = 0; i < r->lights; i += ENVSAMP__POINTS) {
-        envsamp__square_chords(&r->places[i / ENVSAMP__POINTS], r->axis + 3 * k, row + i);
+        envsamp__square_chords(&r->places[i / ENVSAMP__POINTS], r->movers[k].axis, row + i);
         envsamp__sqrt_n(row + i, ENVSAMP__POINTS);
     }
 }
@@ -8001,289 +7779,170 @@ static void envsamp__place_lights(envsamp__relaxation *r)
 {
     int k;
 
-    ENVSAMP_MEMSET(r->places, 0, (size_t)envsamp__point_groups((uint64_t)r->lights)
-                                 * sizeof *r->places);
+    ENVSAMP_MEMSET(r->places, 0, ENVSAMP__POINT_GROUPS(r->lights) * sizeof *r->places);
     for (k = 0; k < r->lights; k++)
-        envsamp__set_point(r->places, k, r->axis + 3 * k, r->movers[k].weight);
+        envsamp__set_point(r->places, k, r->movers[k].axis, r->movers[k].weight);
 }
 
-/* Fields and chords of the lights where they are now. */
-static void envsamp__measure_lights(envsamp__relaxation *r)
-{
-    envsamp__field others;
-    int k;
-
-    envsamp__place_lights(r);
-    for (k = 0; k < r->lights; k++) {
-        envsamp__sum_field(r->points, envsamp__point_groups((uint64_t)r->count), r->axis + 3 * k,
-                           &r->movers[k].field);
-        envsamp__sum_others(r, k, &others);
-        r->movers[k].chord = others.chord;
-    }
-}
-
-/* Half the slope of the energy in a light's weight. */
-static double envsamp__slope(const envsamp__mover *m)
-{
-    return m->field.chord - m->chord;
-}
-
-static double envsamp__energy(const envsamp__relaxation *r)
-{
-    double sum = 0.0;
-    int k;
-
-    for (k = 0; k < r->lights; k++)
-        sum += r->movers[k].weight * (r->movers[k].field.chord + envsamp__slope(&r->movers[k]));
-    return sum;
-}
-
-/* ---- weights of relaxed lights ---- */
-
-/* What one light gives another at a chord, so that the energy is least: *step, which may be below
-   0. Returns half of what the energy falls. */
-static double envsamp__best_exchange(const envsamp__mover *from, const envsamp__mover *to,
-                                     float chord, double *step)
-{
-    double fall = envsamp__slope(from) - envsamp__slope(to);
-
-    *step = 0.0;
-    if (chord > 1e-9f)
-        *step = envsamp__clamp(fall / (2.0 * (double)chord), -to->weight, from->weight);
-    return *step * (fall - *step * (double)chord);
-}
-
-/* Lets each light exchange weight with that with which the energy falls most, in turns. */
+/* Sums where the lights are now; then lets each light exchange weight with that with which the
+   energy falls most, in turns. */
 static void envsamp__weigh_lights(envsamp__relaxation *r, int sweeps)
 {
     envsamp__mover *m = r->movers;
-    double most = 1.0, step, gain, fall;
-    int k, i, with;
-
-    for (; sweeps > 0 && most > 1e-7; sweeps--)
-        for (most = 0.0, k = 0; k < r->lights; k++) {
-            envsamp__fill_row(r, k, r->row);
-            for (gain = 0.0, with = k, i = 0; i < r->lights; i++)
-                if ((fall = envsamp__best_exchange(&m[k], &m[i], r->row[i], &step)) > gain) {
-                    gain = fall;
-                    with = i;
-                }
-            envsamp__best_exchange(&m[k], &m[with], r->row[with], &step);
-            most = envsamp__max(most, ENVSAMP__FABS(step));
-            m[k].weight -= step;
-            m[with].weight += step;
-            envsamp__fill_row(r, with, r->other);
-            for (i = 0; i < r->lights; i++)
-                m[i].chord += step * ((double)r->other[i] - (double)r->row[i]);
-        }
-}
-
-/* ---- moves of relaxed lights ---- */
-
-/* Takes a step with all lights: the other lights push each off, the pieces pull. Lets go on as it
-   went each that is not turned back. */
-static void envsamp__step_lights(envsamp__relaxation *r, double momentum)
-{
-    int k, c;
+    double most = 1.0, all[5];
+    int k, i;
 
     envsamp__place_lights(r);
     for (k = 0; k < r->lights; k++) {
-        const envsamp__field *pull = &r->movers[k].field;
-        envsamp__field push;
-        float *axis = r->axis + 3 * k, *was = r->movers[k].next, to[3];
-        double v[3], went[3], along = 0.0;
+        envsamp__sum_field(r, k, 1, all);
+        m[k].lights_chord = all[4];
+        envsamp__sum_field(r, k, 0, all);
+        m[k].chord = all[4];
+        ENVSAMP_MEMCPY(m[k].toward, all, sizeof m[k].toward);
+    }
+    for (; sweeps > 0 && most > 1e-7; sweeps--)
+        for (most = 0.0, k = 0; k < r->lights; k++) {
+            double gain = 0.0, given = 0.0;
+            int with = k;
 
-        envsamp__sum_others(r, k, &push);
-        for (c = 0; c < 3; c++)
-            v[c] = pull->toward[c] + push.share * (double)axis[c] - push.toward[c];
-        ENVSAMP_MEMCPY(to, axis, sizeof to);
-        envsamp__normalise(v, to);
-        for (c = 0; c < 3; c++) {
-            went[c] = (double)to[c] - (double)was[c];
-            along += went[c] * ((double)to[c] - (double)axis[c]);
+            envsamp__fill_row(r, k, r->row);
+            for (i = 0; i < r->lights; i++) {
+                double chord = (double)r->row[i], step = 0.0;
+                double fall = m[k].chord - m[k].lights_chord - m[i].chord + m[i].lights_chord;
+
+                if (chord > 1e-9)
+                    step = envsamp__clamp(fall / (2.0 * chord), -m[i].weight, m[k].weight);
+                if (step * (fall - step * chord) > gain) {
+                    gain = step * (fall - step * chord);
+                    given = step;
+                    with = i;
+                }
+            }
+            if (with == k)
+                continue;
+            most = envsamp__max(most, ENVSAMP__FABS(given));
+            m[k].weight -= given;
+            m[with].weight += given;
+            envsamp__fill_row(r, with, r->other);
+            for (i = 0; i < r->lights; i++)
+                m[i].lights_chord += given * ((double)r->other[i] - (double)r->row[i]);
         }
-        for (c = 0; c < 3; c++)
-            v[c] = (double)to[c] + (along < 0.0 ? 0.0 : momentum * went[c]);
-        ENVSAMP_MEMCPY(was, to, sizeof to);
-        envsamp__normalise(v, axis);
-    }
 }
 
-/* Keeps the lights as they are if that is the best so far. */
-static void envsamp__keep_lights(envsamp__relaxation *r)
+/* Takes a step with a light: the other lights push it off, the pieces pull. Momentum step: a light
+   whose direction reversed restarts. */
+static void envsamp__step_light(envsamp__relaxation *r, int k, double momentum)
 {
-    double energy = envsamp__energy(r);
-    int k;
+    envsamp__mover *m = &r->movers[k];
+    double push[5], v[3], along = 0.0;
+    float to[3];
+    int c;
 
-    for (k = 0; k < r->lights && energy < r->energy; k++) {
-        ENVSAMP_MEMCPY(r->movers[k].best, r->axis + 3 * k, sizeof r->movers[k].best);
-        r->movers[k].best_weight = r->movers[k].weight;
+    envsamp__sum_field(r, k, 1, push);
+    for (c = 0; c < 3; c++)
+        v[c] = m->toward[c] + push[3] * (double)m->axis[c] - push[c];
+    ENVSAMP_MEMCPY(to, m->axis, sizeof to);
+    envsamp__normalise(v, to);
+    for (c = 0; c < 3; c++) {
+        v[c] = (double)to[c] - (double)m->next[c];
+        along += v[c] * ((double)to[c] - (double)m->axis[c]);
     }
-    r->energy = energy < r->energy ? energy : r->energy;
+    for (c = 0; c < 3; c++)
+        v[c] = (double)to[c] + (along < 0.0 ? 0.0 : momentum * v[c]);
+    ENVSAMP_MEMCPY(m->next, to, sizeof to);
+    envsamp__normalise(v, m->axis);
 }
 
-/* Takes them back to there. */
-static void envsamp__restore_lights(envsamp__relaxation *r)
-{
-    int k;
-
-    for (k = 0; k < r->lights; k++) {
-        ENVSAMP_MEMCPY(r->axis + 3 * k, r->movers[k].best, sizeof r->movers[k].best);
-        r->movers[k].weight = r->movers[k].best_weight;
-    }
-}
-
-/* Some rounds of moves, and weights after each and before. */
+/* Some rounds of moves, and weights after each and before; then the lights go to where the energy
+   was least, now or before. */
 static void envsamp__move_lights(envsamp__relaxation *r, int rounds)
 {
+    envsamp__mover *m = r->movers;
     int i, k;
 
+    for (k = 0; k < r->lights; k++)
+        ENVSAMP_MEMCPY(m[k].next, m[k].axis, sizeof m[k].next);
     for (i = 0; i <= rounds; i++) {
-        envsamp__measure_lights(r);
+        double energy = 0.0;
+
         envsamp__weigh_lights(r, 2);
-        envsamp__keep_lights(r);
-        for (k = 0; k < r->lights && i == 0; k++)
-            ENVSAMP_MEMCPY(r->movers[k].next, r->axis + 3 * k, sizeof r->movers[k].next);
-        if (i < rounds)
-            envsamp__step_lights(r, (double)i / (double)(i + 3));
+        for (k = 0; k < r->lights; k++)
+            energy += m[k].weight * (2.0 * m[k].chord - m[k].lights_chord);
+        for (k = 0; k < r->lights && energy < r->energy; k++) {
+            ENVSAMP_MEMCPY(m[k].best, m[k].axis, sizeof m[k].best);
+            m[k].best_weight = m[k].weight;
+        }
+        r->energy = energy < r->energy ? energy : r->energy;
+        envsamp__place_lights(r);
+        for (k = 0; k < r->lights && i < rounds; k++)
+            envsamp__step_light(r, k, (double)i / (double)(i + 3));
+    }
+    for (k = 0; k < r->lights; k++) {
+        ENVSAMP_MEMCPY(m[k].axis, m[k].best, sizeof m[k].best);
+        m[k].weight = m[k].best_weight;
     }
 }
 
 /* ---- lights sent elsewhere ---- */
 
-/* What a piece adds to the work of its light: share x chord. */
-static double envsamp__piece_work(const envsamp__relaxation *r, int i)
-{
-    return envsamp__share(r, i) * (double)ENVSAMP_SQRTF(r->reach[i]);
-}
-
-/* The piece with most work of the light with most weight x work of those not tried, but one; -1 if
-   there is none. */
+/* The piece with most work, luminance x chord to its light, of the light with most weight x work of
+   those not tried, but one; -1 if there is none. */
 static int envsamp__busy_piece(envsamp__relaxation *r, int but)
 {
+    envsamp__region *pieces = r->cuts.regions;
+    envsamp__mover *m = r->movers;
     double most = 0.0, work = 0.0;
     int i, k, busy = -1, at = -1;
 
     for (k = 0; k < r->lights; k++)
-        r->movers[k].chord = 0.0;
-    for (i = 0; i < r->count; i++)
-        r->movers[r->pieces[i].light].chord += envsamp__piece_work(r, i);
-    for (k = 0; k < r->lights; k++) {
-        const envsamp__mover *m = &r->movers[k];
-
-        if (k != but && !m->tried && m->weight * m->chord > most) {
-            most = m->weight * m->chord;
+        m[k].chord = 0.0;
+    for (i = 0; i < r->cuts.count; i++) {
+        pieces[i].key = pieces[i].sum.luminance * (double)ENVSAMP_SQRTF(r->reach[i]);
+        m[pieces[i].light].chord += pieces[i].key;
+    }
+    for (k = 0; k < r->lights; k++)
+        if (k != but && !m[k].tried && m[k].weight * m[k].chord > most) {
+            most = m[k].weight * m[k].chord;
             busy = k;
         }
-    }
-    for (i = 0; i < r->count; i++)
-        if (r->pieces[i].light == busy && envsamp__piece_work(r, i) > work) {
-            work = envsamp__piece_work(r, i);
+    for (i = 0; i < r->cuts.count; i++)
+        if (pieces[i].light == busy && pieces[i].key > work) {
+            work = pieces[i].key;
             at = i;
         }
     return at;
 }
 
-/* Sends the light of least weight to where another has most to do; returns 0 if all were tried. */
-static int envsamp__send_light(envsamp__relaxation *r)
-{
-    int idle = 0, k;
-
-    for (k = 1; k < r->lights; k++)
-        idle = r->movers[k].weight < r->movers[idle].weight ? k : idle;
-    envsamp__assign_pieces(r);
-    k = envsamp__busy_piece(r, idle);
-    if (k < 0)
-        return 0;
-    r->movers[r->pieces[k].light].tried = 1;
-    ENVSAMP_MEMCPY(r->axis + 3 * idle, r->pieces[k].dir, sizeof r->pieces[k].dir);
-    return 1;
-}
-
-static void envsamp__clear_tried(envsamp__relaxation *r)
-{
-    int k;
-
-    for (k = 0; k < r->lights; k++)
-        r->movers[k].tried = 0;
-}
-
-/* Puts one light after the other where the others have most to do. */
-static void envsamp__start_lights(envsamp__relaxation *r)
-{
-    int count = r->lights, at, k;
-
-    envsamp__clear_tried(r);
-    envsamp__drop_pieces(r);
-    for (k = 0; k < count; k++) {
-        r->lights = k > 0 ? k : 1;
-        r->movers[k].weight = 1.0;
-        at = envsamp__busy_piece(r, -1);
-        ENVSAMP_MEMCPY(r->axis + 3 * k, r->pieces[at < 0 ? 0 : at].dir, 3 * sizeof *r->axis);
-        envsamp__take_pieces(r, k);
-    }
-    r->lights = count;
-}
-
-/* ---- the lights ---- */
-
-/* Lights that stand where they are for what they were given. */
-static void envsamp__fill_lights(const envsamp__relaxation *r, envsamp_light *lights)
-{
-    int k, c;
-
-    for (k = 0; k < r->lights; k++) {
-        const envsamp__square *sum = &r->sum[k];
-
-        ENVSAMP_MEMSET(&lights[k], 0, sizeof lights[k]);
-        ENVSAMP_MEMCPY(lights[k].dir, r->axis + 3 * k, sizeof lights[k].dir);
-        for (c = 0; c < 3; c++)
-            lights[k].irradiance[c] = envsamp__to_float(sum->rgb[c]);
-        lights[k].solid_angle = (float)sum->sr;
-        lights[k].cos_extent = envsamp__cone(sum->luminance, sum->v);
-    }
-}
-
 /* Moves the lights to where their energy is least of all that is tried. It never rises. */
 static void envsamp__improve_lights(envsamp__relaxation *r, int rounds)
 {
-    int now = ENVSAMP__MOVE_ROUNDS, used;
-    double was;
+    int now = ENVSAMP__MOVE_ROUNDS, idle, busy, k;
 
     r->energy = DBL_MAX;
     envsamp__move_lights(r, 0);
-    if (rounds > 0) {
+    if (rounds > 0)
         envsamp__relax(r, ENVSAMP__RELAX_ROUNDS);
-        envsamp__sum_pieces(r);
+    while (rounds > 0) {
+        double was = r->energy;
+
+        envsamp__move_lights(r, envsamp__min(now, rounds));
+        rounds -= now;
+        now = rounds;
+        for (k = 0; k < r->lights && r->energy < was - 1e-9; k++)
+            r->movers[k].tried = 0;
+        for (idle = 0, k = 1; k < r->lights; k++)
+            idle = r->movers[k].weight < r->movers[idle].weight ? k : idle;
+        envsamp__assign_pieces(r, r->lights);
+        busy = envsamp__busy_piece(r, idle);
+        if (rounds > 0 && busy >= 0) {
+            now = ENVSAMP__TRIAL_ROUNDS;
+            r->movers[r->cuts.regions[busy].light].tried = 1;
+            envsamp__put_light(r, idle, busy);
+        }
     }
-    for (; rounds > 0; rounds -= used) {
-        was = r->energy;
-        used = envsamp__min(now, rounds);
-        envsamp__move_lights(r, used);
-        if (r->energy < was - 1e-9)
-            envsamp__clear_tried(r);
-        envsamp__restore_lights(r);
-        now = envsamp__send_light(r) ? ENVSAMP__TRIAL_ROUNDS : rounds;
-    }
-    envsamp__restore_lights(r);
 }
 
-/* Replaces what the pieces sum to by the best weights. */
-static void envsamp__weigh_channels(envsamp__relaxation *r, const double integral[3],
-                                    envsamp_light *lights)
-{
-    int sweeps = envsamp__min(ENVSAMP__WEIGH_SWEEPS, ENVSAMP__DISTANCES_MAX
-                                                     / (r->lights * r->lights)), k, c;
-
-    for (c = 0; c < 3; c++) {
-        envsamp__fill_points(r, c, integral[c]);
-        envsamp__restore_lights(r);
-        envsamp__measure_lights(r);
-        envsamp__weigh_lights(r, sweeps);
-        for (k = 0; k < r->lights; k++)
-            lights[k].irradiance[c] = envsamp__to_float(r->movers[k].weight * integral[c]);
-    }
-}
+/* ---- the lights ---- */
 
 /* Where there are fewer, shares `made` lights between `count`. */
 static void envsamp__share_lights(envsamp_light *lights, int made, int count)
@@ -8300,41 +7959,56 @@ static void envsamp__share_lights(envsamp_light *lights, int made, int count)
     }
 }
 
-/* Makes relaxed lights, unless there is no room for twice as many pieces; then returns 0. */
+/* Makes relaxed lights, unless there is no room for twice as many pieces; then returns 0. They
+   start where the others have most to do, one after the other. */
 static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double luminance,
                                  const double integral[3], envsamp_light *lights)
 {
-    int count = r->lights, most;
+    int count = r->lights, made, most, k, c;
 
     if (r->most < 2 * count)
         return 0;
     envsamp__make_pieces(r, luminance);
-    envsamp__fill_points(r, -1, luminance);
-    r->lights = envsamp__min(count, r->count);
-    envsamp__start_lights(r);
-    envsamp__centre_lights(r);
-    most = r->lights < r->count ? ENVSAMP__DISTANCES_MAX / (r->count * r->lights) : 0;
+    made = envsamp__min(count, r->cuts.count);
+    most = made < r->cuts.count ? ENVSAMP__DISTANCES_MAX / (r->cuts.count * made) : 0;
+    envsamp__assign_pieces(r, 0);
+    for (k = 0; k < made; k++) {
+        int at;
+
+        r->lights = envsamp__max_int(k, 1);
+        r->movers[k].weight = 1.0;
+        r->movers[k].tried = 0;
+        at = envsamp__busy_piece(r, -1);
+        envsamp__put_light(r, k, at < 0 ? 0 : at);
+    }
+    r->lights = made;
+    envsamp__relax(r, 1);
     if (most > 0) {
         envsamp__improve_lights(r, envsamp__min(rounds, most));
-        envsamp__assign_pieces(r);
-        envsamp__feed_lights(r);
+        envsamp__assign_pieces(r, made);
         envsamp__sum_pieces(r);
     }
-    envsamp__fill_lights(r, lights);
-    if (most > 0)
-        envsamp__weigh_channels(r, integral, lights);
-    envsamp__share_lights(lights, r->lights, count);
+    for (k = 0; k < made; k++)
+        envsamp__set_light(&r->movers[k].sum, r->movers[k].axis, 1, &lights[k]);
+    for (c = 0; c < 3 && most > 0; c++) {
+        envsamp__fill_points(r, c, integral[c]);
+        envsamp__weigh_lights(r, envsamp__min(ENVSAMP__WEIGH_SWEEPS, ENVSAMP__DISTANCES_MAX
+                                                                     / (made * made)));
+        for (k = 0; k < made; k++)
+            lights[k].irradiance[c] = envsamp__to_float(r->movers[k].weight * integral[c]);
+    }
+    envsamp__share_lights(lights, made, count);
     return 1;
 }
 
 /* ---- decomposed ----
  *
- * [18]. Texels brighter than L_T = max(L_b, lambda L_avg, gamma L_max) are emissive. Of K lights so
- * many as their share of L Omega^(1/4), flux and solid angle [19], are EnvDirects: drawn from the
- * emissive texels by light, each keeping others out of a cone about it, then k-means over pieces as
- * above, each put on the nearest texel that it stands for. Texels more than two such angles away go
- * back to the others, which EnvIndirects stand for: rectangles, from the whole map on halved across
- * their longer side, that with the largest w_V V + w_D D + w_E E first.
+ * [18]. Texels brighter than L_T = max(L_b, lambda L_avg, gamma L_max) are emissive. Of K lights
+ * their share of L Omega^(1/4), flux and solid angle [19], are EnvDirects: drawn from pieces of the
+ * emissive texels by light, each keeping others out of a cone about it, then k-means over the
+ * pieces, each put on the nearest texel that it stands for. Texels more than two such angles away
+ * go back to the rest of the map. EnvIndirects stand for that: rectangles, that with the largest
+ * w_V V + w_D D + w_E E halved first.
  *
  * What the text leaves open was measured in a scene with shadows, each choice against the other
  * (bench/experiments.md): L_b by solid angle, s 4 pi / K as a solid angle, lights on texels, shares
@@ -8350,195 +8024,130 @@ typedef struct envsamp__emission {
     float *map;                 /* luminance of the texels, row after row */
     uint8_t *labels;            /* of them */
     double *bins;               /* solid angle by luminance */
-    float brightest;
-    int64_t lit;                /* texels above zero */
     double total, total_sr;     /* integral of luminance, and solid angle of the map */
+    float brightest;
     float threshold;            /* L_T */
     double luminance[2], sr[2]; /* of texels that are not emissive, and that are */
 } envsamp__emission;
 
-enum {
-    ENVSAMP__DIM,
-    ENVSAMP__EMISSIVE,
-    ENVSAMP__NEAR,              /* emissive, near a light that was drawn */
-    ENVSAMP__DRAWN              /* emissive, with a light */
-};
+enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE };
 
 static void envsamp__emission_carve(envsamp__emission *e, const envsamp__pixels *pixels,
                                     envsamp__arena *arena)
 {
-    uint64_t texels = (uint64_t)pixels->image->width * (uint64_t)pixels->image->height;
-
     ENVSAMP_MEMSET(e, 0, sizeof *e);
     e->pixels = pixels;
-    e->map = ENVSAMP__TAKE(float, arena, texels);
+    e->map = ENVSAMP__TAKE(float, arena, (uint64_t)pixels->image->width
+                                         * (uint64_t)pixels->image->height);
     e->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
 }
 
-static float *envsamp__emission_row(const envsamp__emission *e, int y)
+/* Whether one of at most ENVSAMP__CHUNK texels is brighter than a threshold. */
+static int envsamp__any_above(const float *run, int count, float threshold)
 {
-    return e->map + (size_t)y * (size_t)e->pixels->image->width;
-}
+    int above = 0, i;
 
-/* Adds luminance of a row, counts texels above zero, and finds the brightest. In lanes, texel i of
-   ENVSAMP__LANES with the others of that number, for vectors. */
-static double envsamp__survey_luminance(envsamp__emission *e, const float *row)
-{
-    double sum[ENVSAMP__LANES], total = 0.0;
-    float most[ENVSAMP__LANES];
-    int32_t lit[ENVSAMP__LANES];
-    int width = e->pixels->image->width, x, i;
-
-    ENVSAMP_MEMSET(sum, 0, sizeof sum);
-    ENVSAMP_MEMSET(most, 0, sizeof most);
-    ENVSAMP_MEMSET(lit, 0, sizeof lit);
-    for (x = 0; x + ENVSAMP__LANES <= width; x += ENVSAMP__LANES)
-        for (i = 0; i < ENVSAMP__LANES; i++) {
-            sum[i] += (double)row[x + i];
-            lit[i] += row[x + i] > 0.0f;
-            most[i] = row[x + i] > most[i] ? row[x + i] : most[i];
-        }
-    for (; x < width; x++) {
-        sum[0] += (double)row[x];
-        lit[0] += row[x] > 0.0f;
-        most[0] = row[x] > most[0] ? row[x] : most[0];
-    }
-    for (i = 0; i < ENVSAMP__LANES; i++) {
-        total += sum[i];
-        e->lit += lit[i];
-        e->brightest = most[i] > e->brightest ? most[i] : e->brightest;
-    }
-    return total;
+    if (count == ENVSAMP__CHUNK)
+        for (i = 0; i < ENVSAMP__CHUNK; i++)
+            above |= run[i] > threshold;
+    else
+        for (i = 0; i < count; i++)
+            above |= run[i] > threshold;
+    return above;
 }
 
 /* Writes luminance, and finds its sum and maximum; returns how many pixels are bad. */
 static size_t envsamp__survey_emission(envsamp__emission *e)
 {
-    int width = e->pixels->image->width, y;
+    const envsamp_image *image = e->pixels->image;
+    double sum[ENVSAMP__CHUNK] = { 0.0 };
+    float *row = e->map;
     size_t bad = 0;
+    int x, y, i;
 
-    for (y = 0; y < e->pixels->image->height; y++) {
-        float *row = envsamp__emission_row(e, y);
+    for (y = 0; y < image->height; y++, row += image->width) {
+        bad += envsamp__luminance_row(image, envsamp__pixel_at(image, 0, y), row);
+        e->total_sr += (double)image->width * e->pixels->row_sr[y];
+        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
+            int above = envsamp__any_above(row + x, count, e->brightest);
 
-        bad += envsamp__luminance_row(e->pixels->image, envsamp__pixel_at(e->pixels->image, 0, y),
-                                      row);
-        e->total += envsamp__survey_luminance(e, row) * e->pixels->row_sr[y];
-        e->total_sr += (double)width * e->pixels->row_sr[y];
+            envsamp__add_floats(row + x, count, e->pixels->row_sr[y], sum);
+            for (i = x; i < x + count && above; i++)
+                e->brightest = row[i] > e->brightest ? row[i] : e->brightest;
+        }
     }
+    for (i = 0; i < ENVSAMP__CHUNK; i++)
+        e->total += sum[i];
     return bad;
 }
 
-/* Whether one of at most ENVSAMP__LANES texels is brighter than a threshold. */
-static int envsamp__any_above(const float *row, int count, float threshold)
-{
-    int above = 0, i;
-
-    if (count == ENVSAMP__LANES)
-        for (i = 0; i < ENVSAMP__LANES; i++)
-            above |= row[i] > threshold;
-    else
-        for (i = 0; i < count; i++)
-            above |= row[i] > threshold;
-    return above;
-}
-
-/* The bin in which a sum reaches a target; the sum becomes that of the bins before. */
-static uint32_t envsamp__find_bin(const double *bins, double target, double *sum)
-{
-    uint32_t i, last = 0;
-    double before = *sum;
-
-    for (i = 0; i < ENVSAMP__BINS && *sum < target; i++)
-        if (bins[i] > 0.0) {
-            last = i;
-            before = *sum;
-            *sum += bins[i];
-        }
-    *sum = before;
-    return last;
-}
-
-/* Solid angle of texels brighter than a threshold, by the upper half of their luminance's bits, or,
-   where that is `upper`, by the lower half. */
-static void envsamp__fill_bins(const envsamp__emission *e, float threshold, const uint32_t *upper)
-{
-    int width = e->pixels->image->width, x, y, i;
-
-    ENVSAMP_MEMSET(e->bins, 0, ENVSAMP__BINS * sizeof *e->bins);
-    for (y = 0; y < e->pixels->image->height; y++)
-        for (x = 0; x < width; x += ENVSAMP__LANES) {
-            const float *row = envsamp__emission_row(e, y) + x;
-            int count = envsamp__min(ENVSAMP__LANES, width - x);
-
-            if (!envsamp__any_above(row, count, threshold))
-                continue;
-            for (i = 0; i < count; i++) {
-                uint32_t bits = envsamp__float_bits(row[i]);
-
-                if (row[i] > threshold && !upper)
-                    e->bins[bits >> 16] += e->pixels->row_sr[y];
-                else if (row[i] > threshold && bits >> 16 == *upper)
-                    e->bins[bits & 0xffffu] += e->pixels->row_sr[y];
-            }
-        }
-}
-
-/* The luminance that `target` of solid angle does not exceed, where `sum` does not exceed the
-   threshold. */
-static float envsamp__percentile(const envsamp__emission *e, float threshold, double sum,
-                                 double target)
-{
-    uint32_t upper;
-
-    envsamp__fill_bins(e, threshold, NULL);
-    upper = envsamp__find_bin(e->bins, target, &sum);
-    envsamp__fill_bins(e, threshold, &upper);
-    return envsamp__bits_float(upper << 16 | envsamp__find_bin(e->bins, target, &sum));
-}
-
-/* Labels at most ENVSAMP__LANES texels; returns how many are brighter than a threshold, and adds
-   their luminance. */
-static int envsamp__label_texels(const float *row, int count, float threshold, uint8_t *label,
-                                 double *sum)
-{
-    int emissive = 0, i;
-
-    ENVSAMP_MEMSET(label, ENVSAMP__DIM, (size_t)count);
-    if (!envsamp__any_above(row, count, threshold))
-        return 0;
-    for (i = 0; i < count; i++)
-        if (row[i] > threshold) {
-            label[i] = ENVSAMP__EMISSIVE;
-            *sum += (double)row[i];
-            emissive++;
-        }
-    return emissive;
-}
-
-/* Labels the texels that are brighter than a threshold; sums what these and the others are
-   worth. */
+/* Labels the texels that are brighter than a threshold; sums light and solid angle of these and of
+   the others. Zero light of the others means that all of them are black. */
 static void envsamp__split_emission(envsamp__emission *e, float threshold)
 {
-    int width = e->pixels->image->width, x, y;
-    int64_t emissive = 0;
+    int width = e->pixels->image->width, lit = 0, x, y, i;
+    const float *run = e->map;
+    uint8_t *label = e->labels;
 
     e->threshold = threshold;
     e->luminance[1] = e->sr[1] = 0.0;
-    for (y = 0; y < e->pixels->image->height; y++) {
-        const float *row = envsamp__emission_row(e, y);
-        uint8_t *label = e->labels + (size_t)y * (size_t)width;
-        double sum = 0.0;
-        int count = 0;
+    for (y = 0; y < e->pixels->image->height; y++)
+        for (x = 0; x < width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, width - x);
+            int above = envsamp__any_above(run, count, threshold);
 
-        for (x = 0; x < width; x += ENVSAMP__LANES)
-            count += envsamp__label_texels(row + x, envsamp__min(ENVSAMP__LANES, width - x),
-                                           threshold, label + x, &sum);
-        e->luminance[1] += sum * e->pixels->row_sr[y];
-        e->sr[1] += (double)count * e->pixels->row_sr[y];
-        emissive += count;
-    }
-    e->luminance[0] = emissive < e->lit ? envsamp__max(e->total - e->luminance[1], DBL_MIN) : 0.0;
+            ENVSAMP_MEMSET(label, ENVSAMP__DIM, (size_t)count);
+            for (i = 0; i < count && above; i++)
+                if (run[i] > threshold) {
+                    label[i] = ENVSAMP__EMISSIVE;
+                    e->luminance[1] += e->pixels->row_sr[y] * (double)run[i];
+                    e->sr[1] += e->pixels->row_sr[y];
+                } else {
+                    lit |= run[i] > 0.0f;
+                }
+            lit = lit || (!above && envsamp__any_above(run, count, 0.0f));
+            run += count;
+            label += count;
+        }
+    e->luminance[0] = lit ? envsamp__max(e->total - e->luminance[1], DBL_MIN) : 0.0;
     e->sr[0] = envsamp__max(e->total_sr - e->sr[1], 0.0);
+}
+
+/* The luminance that `target` of solid angle does not exceed, which is above the threshold: by bins
+   of the upper half of its bits, then of the lower half. */
+static float envsamp__percentile(const envsamp__emission *e, double target)
+{
+    int width = e->pixels->image->width, pass, x, y, i;
+    double sum, before = e->sr[0];
+    uint32_t upper = 0, last = 0, bin;
+
+    for (pass = 0; pass < 2; pass++) {
+        const float *run = e->map;
+
+        upper = last;
+        ENVSAMP_MEMSET(e->bins, 0, ENVSAMP__BINS * sizeof *e->bins);
+        for (y = 0; y < e->pixels->image->height; y++)
+            for (x = 0; x < width; x += ENVSAMP__CHUNK) {
+                int count = envsamp__min(ENVSAMP__CHUNK, width - x);
+                int above = envsamp__any_above(run, count, e->threshold);
+
+                for (i = 0; i < count && above; i++) {
+                    uint32_t bits = envsamp__float_bits(run[i]);
+
+                    if (run[i] > e->threshold && (pass == 0 || bits >> 16 == upper))
+                        e->bins[pass == 0 ? bits >> 16 : bits & 0xffffu] += e->pixels->row_sr[y];
+                }
+                run += count;
+            }
+        for (bin = 0, last = 0, sum = before; bin < ENVSAMP__BINS && sum < target; bin++)
+            if (e->bins[bin] > 0.0) {
+                last = bin;
+                before = sum;
+                sum += e->bins[bin];
+            }
+    }
+    return envsamp__bits_float(upper << 16 | last);
 }
 
 /* Finds L_T, and labels texels that are brighter. L_b is sought only where it is the largest. */
@@ -8550,505 +8159,10 @@ static void envsamp__find_emission(envsamp__emission *e, const envsamp_lights_de
 
     envsamp__split_emission(e, envsamp__to_float(envsamp__max(limit, 0.0)));
     if (e->sr[0] < target)
-        envsamp__split_emission(e, envsamp__percentile(e, e->threshold, e->sr[0], target));
+        envsamp__split_emission(e, envsamp__percentile(e, target));
 }
 
-/* ---- EnvDirects and EnvIndirects ---- */
-
-typedef struct envsamp__decomposition {
-    const envsamp_lights_desc *desc;
-    envsamp__emission emission;
-    envsamp__relaxation *direct;    /* pieces of the emissive part, */
-    envsamp__cuts *indirect;        /* and rectangles of the rest */
-    double *left;                   /* of each square: luminance of texels that may be drawn */
-    envsamp_texel *texel;           /* of each EnvDirect */
-    double near_cosine;             /* of the angle about a drawn texel that is masked; 2: none, */
-    double reach_cosine;            /* of that angle and the largest across a square, */
-    double far_cosine;              /* and of the angle that a light stands for at most */
-} envsamp__decomposition;
-
-static void envsamp__decomposition_carve(envsamp__decomposition *d, envsamp__relaxation *direct,
-                                         envsamp__cuts *indirect, const envsamp__pixels *pixels,
-                                         const envsamp_lights_desc *desc, envsamp__arena *arena)
-{
-    ENVSAMP_MEMSET(d, 0, sizeof *d);
-    d->desc = desc;
-    d->direct = direct;
-    d->indirect = indirect;
-    envsamp__emission_carve(&d->emission, pixels, arena);
-    d->emission.labels = (uint8_t *)envsamp__take(arena, (uint64_t)pixels->image->width
-                                                  * (uint64_t)pixels->image->height, 1);
-    d->left = ENVSAMP__TAKE(double, arena, (uint64_t)direct->squares.across
-                                           * (uint64_t)direct->squares.down);
-    d->texel = ENVSAMP__TAKE(envsamp_texel, arena, desc->count);
-    direct->squares.labels = indirect->squares.labels = d->emission.labels;
-    direct->squares.label = ENVSAMP__EMISSIVE;
-    indirect->squares.label = ENVSAMP__DIM;
-}
-
-/* Angles about drawn texels: a cone of `mask_scale` times 4 pi / K, and twice that. */
-static void envsamp__set_reach(envsamp__decomposition *d)
-{
-    const envsamp__squares *s = &d->direct->squares;
-    double scale = envsamp__max((double)d->desc->mask_scale, 0.0), sine, c;
-    double cosine = 1.0 - 2.0 * scale / (double)d->desc->count;
-    double across = 2.0 * ((double)s->wide / (double)s->image->width
-                           + (double)s->tall / (double)s->image->height);
-
-    d->near_cosine = scale > 0.0 ? cosine : 2.0;
-    d->reach_cosine = d->far_cosine = -2.0;
-    if (cosine > 0.0 && across < 0.5) {
-        envsamp__sincos_pi(across, &sine, &c);
-        d->reach_cosine = cosine * c - ENVSAMP_SQRT(1.0 - cosine * cosine) * sine;
-    }
-    if (cosine > 0.0 && scale > 0.0 && d->emission.luminance[0] > 0.0)
-        d->far_cosine = envsamp__clamp(2.0 * cosine * cosine - 1.0, -1.0,
-                                       1.0 - 1e-6);     /* a texel is not far from itself */
-}
-
-static uint8_t *envsamp__label_at(const envsamp__decomposition *d, int x, int y)
-{
-    return d->emission.labels + (size_t)y * (size_t)d->emission.pixels->image->width + (size_t)x;
-}
-
-/* How many of K lights stand on emissive texels: importance is luminance x solid angle^(1/4). */
-static int envsamp__count_directs(const envsamp__decomposition *d)
-{
-    const envsamp__emission *e = &d->emission;
-    double dim = e->luminance[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(e->sr[0]));
-    double emissive = e->luminance[1] * ENVSAMP_SQRT(ENVSAMP_SQRT(e->sr[1]));
-    int k = d->desc->count, count = (int)((double)k * emissive / (dim + emissive) + 0.5);
-
-    if (!(e->luminance[0] > 0.0))
-        return k;
-    count = e->luminance[1] > 0.0 && count < 1 ? 1 : count;
-    return envsamp__min(count, k - 1);
-}
-
-/* Texels of a square: x0, y0, x1, y1. */
-static void envsamp__square_box(const envsamp__squares *s, int square, int bounds[4])
-{
-    bounds[0] = square % s->across * s->wide;
-    bounds[1] = square / s->across * s->tall;
-    bounds[2] = envsamp__min(bounds[0] + s->wide, s->image->width);
-    bounds[3] = envsamp__min(bounds[1] + s->tall, s->image->height);
-}
-
-/* What may still be drawn of a square. `texel`, unless NULL: where the sum reaches a target. */
-static double envsamp__scan_square(const envsamp__decomposition *d, int square, double target,
-                                   envsamp_texel *texel)
-{
-    const envsamp__squares *s = &d->direct->squares;
-    int bounds[4], x, y;
-    double sum = 0.0;
-
-    envsamp__square_box(s, square, bounds);
-    for (y = bounds[1]; y < bounds[3]; y++)
-        for (x = bounds[0]; x < bounds[2]; x++) {
-            if (*envsamp__label_at(d, x, y) != ENVSAMP__EMISSIVE)
-                continue;
-            if (texel && sum <= target) {
-                texel->x = x;
-                texel->y = y;
-            }
-            sum += envsamp__importance(s->pixels, x, y);
-        }
-    return sum;
-}
-
-/* Draws an emissive texel by its light, of those that are left; returns 0 if there is none. */
-static int envsamp__draw_texel(envsamp__decomposition *d, double u, envsamp_texel *texel)
-{
-    const envsamp__squares *s = &d->direct->squares;
-    int squares = s->across * s->down, i, at = -1;
-    double total = 0.0, sum = 0.0, before = 0.0;
-
-    for (i = 0; i < squares; i++)
-        total += d->left[i];
-    for (i = 0; i < squares && sum <= u * total; i++)
-        if (d->left[i] > 0.0) {
-            at = i;
-            before = sum;
-            sum += d->left[i];
-        }
-    if (at < 0)
-        return 0;
-    envsamp__scan_square(d, at, u * total - before, texel);
-    *envsamp__label_at(d, texel->x, texel->y) = ENVSAMP__DRAWN;
-    d->left[at] = envsamp__scan_square(d, at, 0.0, NULL);
-    return 1;
-}
-
-/* Masks the texels of a square that are near a direction. */
-static void envsamp__mask_square(envsamp__decomposition *d, int square, const double dir[3])
-{
-    const envsamp__squares *s = &d->direct->squares;
-    int bounds[4], x, y;
-
-    envsamp__square_box(s, square, bounds);
-    for (y = bounds[1]; y < bounds[3]; y++)
-        for (x = bounds[0]; x < bounds[2]; x++) {
-            uint8_t *label = envsamp__label_at(d, x, y);
-            double texel[3];
-
-            if (*label != ENVSAMP__EMISSIVE)
-                continue;
-            envsamp__texel_dir(s, x, y, texel);
-            if (envsamp__dot(texel, dir) >= d->near_cosine)
-                *label = ENVSAMP__NEAR;
-        }
-    d->left[square] = envsamp__scan_square(d, square, 0.0, NULL);
-}
-
-/* Masks the texels near one that was drawn. */
-static void envsamp__mask_near(envsamp__decomposition *d, const envsamp_texel *texel)
-{
-    const envsamp__squares *s = &d->direct->squares;
-    double dir[3];
-    int i;
-
-    envsamp__texel_dir(s, texel->x, texel->y, dir);
-    for (i = 0; i < s->across * s->down; i++) {
-        const double *v = s->at[i].v;
-
-        if (d->left[i] > 0.0 && envsamp__dot(v, dir)
-                                >= d->reach_cosine * ENVSAMP_SQRT(envsamp__dot(v, v)))
-            envsamp__mask_square(d, i, dir);
-    }
-}
-
-/* Makes texels emissive again that were masked, and, if so wanted, those that were drawn. */
-static void envsamp__unmask(envsamp__decomposition *d, int drawn)
-{
-    const envsamp__squares *s = &d->direct->squares;
-    size_t texels = (size_t)s->image->width * (size_t)s->image->height, i;
-    uint8_t *label = d->emission.labels;
-    int square;
-
-    for (i = 0; i < texels; i++)
-        if (label[i] == ENVSAMP__NEAR || (drawn && label[i] == ENVSAMP__DRAWN))
-            label[i] = ENVSAMP__EMISSIVE;
-    for (square = 0; square < s->across * s->down; square++)
-        if (s->at[square].luminance > 0.0)
-            d->left[square] = envsamp__scan_square(d, square, 0.0, NULL);
-}
-
-/* Draws texels for so many lights, none twice; returns how many there are. When all are masked,
-   what was not drawn is free again, and no more is masked. */
-static int envsamp__draw_directs(envsamp__decomposition *d, int wanted)
-{
-    const envsamp__squares *s = &d->direct->squares;
-    int made = 0, i;
-
-    for (i = 0; i < s->across * s->down; i++)
-        d->left[i] = s->at[i].luminance;
-    while (made < wanted) {
-        double u = envsamp__random(d->desc->seed, (uint32_t)made);
-
-        if (envsamp__draw_texel(d, u, &d->texel[made])) {
-            if (d->near_cosine <= 1.0)
-                envsamp__mask_near(d, &d->texel[made]);
-            made++;
-        } else {
-            wanted = d->near_cosine <= 1.0 ? wanted : made;     /* or there are no more */
-            d->near_cosine = 2.0;
-            envsamp__unmask(d, 0);
-        }
-    }
-    envsamp__unmask(d, 1);
-    return made;
-}
-
-/* Puts every light on the emissive texel of its pieces that is nearest to it. */
-static void envsamp__place_directs(envsamp__decomposition *d)
-{
-    envsamp__relaxation *r = d->direct;
-    envsamp__mover *m = r->movers;
-    int i, k, x, y;
-
-    for (k = 0; k < r->lights; k++)
-        m[k].chord = -2.0;
-    for (i = 0; i < r->count; i++) {
-        const envsamp__piece *p = &r->pieces[i];
-        const float *light = r->axis + 3 * p->light;
-        double axis[3];
-
-        for (k = 0; k < 3; k++)
-            axis[k] = (double)light[k];
-        for (y = p->y0; y < p->y1; y++)
-            for (x = p->x0; x < p->x1; x++) {
-                double dir[3], cosine;
-
-                if (!envsamp__count_texels(&r->squares, x, y, 1))
-                    continue;
-                envsamp__texel_dir(&r->squares, x, y, dir);
-                cosine = envsamp__dot(dir, axis);
-                if (cosine > m[p->light].chord) {
-                    m[p->light].chord = cosine;
-                    d->texel[p->light].x = x;
-                    d->texel[p->light].y = y;
-                }
-            }
-    }
-}
-
-/* Gives the lights, which go to their texels, the emissive ones of their pieces. Texels that are
-   far from their light go back to the rest of the map. */
-static void envsamp__fill_directs(envsamp__decomposition *d, envsamp_light *lights)
-{
-    envsamp__relaxation *r = d->direct;
-    double at[3], dir[3];
-    int i, k, x, y;
-
-    ENVSAMP_MEMSET(r->sum, 0, (size_t)r->lights * sizeof *r->sum);
-    for (i = 0; i < r->count; i++) {
-        const envsamp__piece *p = &r->pieces[i];
-
-        envsamp__texel_dir(&r->squares, d->texel[p->light].x, d->texel[p->light].y, at);
-        for (y = p->y0; y < p->y1; y++)
-            for (x = p->x0; x < p->x1; x++) {
-                if (!envsamp__count_texels(&r->squares, x, y, 1))
-                    continue;
-                envsamp__texel_dir(&r->squares, x, y, dir);
-                if (envsamp__dot(dir, at) < d->far_cosine)
-                    *envsamp__label_at(d, x, y) = ENVSAMP__DIM;
-                else
-                    envsamp__add_square_texel(&r->squares, x, y, &r->sum[p->light]);
-            }
-    }
-    for (k = 0; k < r->lights; k++) {
-        envsamp__texel_dir(&r->squares, d->texel[k].x, d->texel[k].y, at);
-        envsamp__normalise(at, r->axis + 3 * k);
-    }
-    envsamp__fill_lights(r, lights);
-    for (k = 0; k < r->lights; k++)
-        lights[k].direct = 1;
-}
-
-/* Makes EnvDirects of emissive texels; returns how many. */
-static int envsamp__make_directs(envsamp__decomposition *d, envsamp_light *lights)
-{
-    envsamp__relaxation *r = d->direct;
-    int k;
-
-    r->lights = envsamp__count_directs(d);
-    if (r->lights == 0)
-        return 0;
-    envsamp__make_squares(&r->squares);
-    envsamp__make_pieces(r, d->emission.luminance[1]);
-    r->lights = envsamp__draw_directs(d, envsamp__min(r->lights, r->count));
-    envsamp__fill_points(r, -1, d->emission.luminance[1]);
-    for (k = 0; k < r->lights; k++) {
-        double dir[3];
-
-        envsamp__texel_dir(&r->squares, d->texel[k].x, d->texel[k].y, dir);
-        envsamp__normalise(dir, r->axis + 3 * k);
-    }
-    envsamp__relax(r, d->desc->refine_rounds);
-    envsamp__feed_lights(r);
-    envsamp__place_directs(d);
-    envsamp__fill_directs(d, lights);
-    return r->lights;
-}
-
-/* ---- EnvIndirects ---- */
-
-/* Standard deviation of luminance x solid angle, longer side and light of a region. */
-static void envsamp__find_terms(const envsamp__cuts *cuts, envsamp__region *r)
-{
-    double sum[ENVSAMP__SUMS], square;
-
-    envsamp__sum_below(cuts, r->x0, r->y0, r->x1, r->y1, sum);
-    square = sum[5] * sum[4] - sum[0] * sum[0];     /* (standard deviation x solid angle)^2 */
-    r->term[0] = ENVSAMP_SQRT(envsamp__max(square, 0.0));
-    envsamp__is_region_wide(cuts, r, &r->term[1]);
-    r->term[2] = envsamp__max(sum[0], 0.0);
-}
-
-/* Whether a square of a region has light: differences of sums would not tell. */
-static int envsamp__is_lit(const envsamp__cuts *cuts, const envsamp__region *r)
-{
-    int x, y;
-
-    for (y = r->y0; y < r->y1; y++)
-        for (x = r->x0; x < r->x1; x++)
-            if (cuts->squares.at[y * cuts->squares.across + x].luminance > 0.0)
-                return 1;
-    return 0;
-}
-
-/* Halves a region across its longer side; the other half becomes `rest`. Where one of them is black
-   the region shrinks to the other. Returns 0 if it is a single square. */
-static int envsamp__halve_region(const envsamp__cuts *cuts, envsamp__region *r,
-                                 envsamp__region *rest)
-{
-    while (r->x1 - r->x0 > 1 || r->y1 - r->y0 > 1) {
-        envsamp__region half = *r;
-
-        *rest = *r;
-        if (r->y1 - r->y0 == 1
-            || (r->x1 - r->x0 > 1 && envsamp__is_region_wide(cuts, r, NULL)))
-            half.x1 = rest->x0 = r->x0 + (r->x1 - r->x0) / 2;
-        else
-            half.y1 = rest->y0 = r->y0 + (r->y1 - r->y0) / 2;
-        *r = envsamp__is_lit(cuts, &half) ? half : *rest;
-        if (r->x1 == half.x1 && r->y1 == half.y1 && envsamp__is_lit(cuts, rest))
-            return 1;
-    }
-    return 0;
-}
-
-static int envsamp__is_square(const envsamp__region *r)
-{
-    return r->x1 - r->x0 == 1 && r->y1 - r->y0 == 1;
-}
-
-/* A key from the terms of a region, -1 if it cannot be cut. */
-static double envsamp__term_key(const envsamp__cuts *cuts, const envsamp__region *r)
-{
-    const double *weight = cuts->weight;
-
-    if (envsamp__is_square(r))
-        return -1.0;
-    return weight[0] * r->term[0] + weight[1] * r->term[1] + weight[2] * r->term[2];
-}
-
-static void envsamp__make_heap(envsamp__cuts *cuts)
-{
-    int i;
-
-    for (i = cuts->count / 2; i-- > 0; )
-        envsamp__sink_region(cuts, i);
-}
-
-/* Divides every term by its largest value among the regions that can be cut, for new keys. */
-static void envsamp__weigh_terms(envsamp__cuts *cuts, const envsamp_lights_desc *desc)
-{
-    double most[3] = { 0.0, 0.0, 0.0 };
-    int i, k;
-
-    for (i = 0; i < cuts->count; i++)
-        for (k = 0; k < 3 && !envsamp__is_square(&cuts->regions[i]); k++)
-            most[k] = envsamp__max(most[k], cuts->regions[i].term[k]);
-    cuts->weight[0] = (double)desc->weight_variance;
-    cuts->weight[1] = (double)desc->weight_extent;
-    cuts->weight[2] = (double)desc->weight_energy;
-    for (k = 0; k < 3; k++)
-        cuts->weight[k] /= most[k] > 0.0 ? most[k] : 1.0;
-    for (i = 0; i < cuts->count; i++)
-        cuts->regions[i].key = envsamp__term_key(cuts, &cuts->regions[i]);
-    envsamp__make_heap(cuts);
-}
-
-/* Halves the region on top of the heap, if it can be. */
-static void envsamp__halve_top(envsamp__cuts *cuts)
-{
-    envsamp__region *top = cuts->regions, rest;
-    int halved = envsamp__halve_region(cuts, top, &rest);
-
-    envsamp__find_terms(cuts, top);
-    top->key = envsamp__term_key(cuts, top);
-    envsamp__sink_region(cuts, 0);
-    if (!halved)
-        return;
-    envsamp__find_terms(cuts, &rest);
-    rest.key = envsamp__term_key(cuts, &rest);
-    envsamp__add_region(cuts, &rest);
-}
-
-/* Has more lights share the regions, by energy. */
-static void envsamp__share_regions(envsamp__cuts *cuts, int more)
-{
-    envsamp__region *top = cuts->regions;
-    int i;
-
-    for (i = 0; i < cuts->count; i++)
-        cuts->regions[i].key = cuts->regions[i].term[2];
-    envsamp__make_heap(cuts);
-    for (i = 0; i < more; i++) {
-        top->key = top->term[2] / (double)++top->copies;
-        envsamp__sink_region(cuts, 0);
-    }
-}
-
-/* Cuts what is not emissive into so many lights. Terms are weighed anew after every cut, after 64
-   ever more seldom. */
-static void envsamp__make_indirects(envsamp__decomposition *d, int count, envsamp_light *lights)
-{
-    envsamp__cuts *cuts = d->indirect;
-    int due = 1;
-
-    envsamp__make_squares(&cuts->squares);
-    envsamp__begin_cuts(cuts);
-    envsamp__find_terms(cuts, cuts->regions);
-    while (cuts->count < count) {
-        if (cuts->count >= due) {
-            envsamp__weigh_terms(cuts, d->desc);
-            due = cuts->count + 1 + cuts->count / 64;
-        }
-        if (cuts->regions->key < 0.0)
-            break;
-        envsamp__halve_top(cuts);
-    }
-    envsamp__share_regions(cuts, count - cuts->count);
-    envsamp__region_lights(cuts, lights);
-}
-
-/* Has more lights share what there are. */
-static void envsamp__share_directs(int made, int count, envsamp_light *lights)
-{
-    int i, k;
-
-    for (k = made; k < count; k++)
-        lights[k] = lights[k - made];
-    for (k = 0; k < count; k++) {
-        int copies = count / made + (k % made < count % made);
-
-        for (i = 0; i < 3; i++)
-            lights[k].irradiance[i] /= (float)copies;
-        lights[k].solid_angle /= (float)copies;
-    }
-}
-
-/* Adds up what all lights stand for. */
-static void envsamp__sum_decomposed(const envsamp__decomposition *d, int indirect,
-                                    double integral[3])
-{
-    const envsamp__squares *s = &d->indirect->squares;
-    envsamp__square dim;
-    int i, c;
-
-    if (indirect) {
-        dim = envsamp__sum_squares(s, 0, 0, s->image->width, s->image->height);
-        ENVSAMP_MEMCPY(integral, dim.rgb, sizeof dim.rgb);
-    }
-    for (i = 0; i < d->direct->lights; i++)
-        for (c = 0; c < 3; c++)
-            integral[c] += d->direct->sum[i].rgb[c];
-}
-
-/* Returns how many lights are EnvDirects. */
-static int envsamp__decompose(envsamp__decomposition *d, envsamp_light *lights,
-                              double integral[3])
-{
-    const envsamp__pixels *pixels = d->emission.pixels;
-    int count = d->desc->count, direct;
-
-    envsamp__find_emission(&d->emission, d->desc);
-    envsamp__set_reach(d);
-    direct = envsamp__make_directs(d, lights);
-    if (direct == 0)
-        ENVSAMP_MEMSET(d->emission.labels, ENVSAMP__DIM,
-                       (size_t)pixels->image->width * (size_t)pixels->image->height);
-    if (direct > 0 && !(d->emission.luminance[0] > 0.0)) {
-        envsamp__sum_decomposed(d, 0, integral);
-        envsamp__share_directs(direct, count, lights);
-        return count;
-    }
-    envsamp__make_indirects(d, count - direct, lights + direct);
-    envsamp__sum_decomposed(d, 1, integral);
-    return direct;
-}
+/* ---- EnvDirects ---- */
 
 typedef struct envsamp__lights {
     const envsamp_image *image;
@@ -9056,13 +8170,191 @@ typedef struct envsamp__lights {
     envsamp__pixels pixels;
     envsamp__halftone halftone;
     envsamp_halftone_desc halftone_desc;
-    envsamp_texel *texels;
-    envsamp__cuts cuts;
-    envsamp__relaxation relaxation;
-    envsamp__decomposition decomposition;
+    envsamp_texel *texels;          /* that were chosen, or on which EnvDirects stand */
+    envsamp__cuts cuts;             /* cuts, or EnvIndirects */
+    envsamp__relaxation relaxation; /* RELAXED, or EnvDirects */
+    envsamp__emission emission;     /* DECOMPOSED */
     double luminance;               /* the integral of it */
     envsamp_lights_info info;
 } envsamp__lights;
+
+/* Puts lights on pieces that are drawn by luminance: none twice, and outside of the cones of all
+   before while any is. Returns how many there are. */
+static int envsamp__draw_directs(envsamp__lights *l, int wanted)
+{
+    double scale = (double)l->desc->mask_scale / (double)l->desc->count;
+    float masked = (float)envsamp__clamp(4.0 * scale, 0.0, 4.5);    /* squared chord */
+    envsamp__relaxation *r = &l->relaxation;
+    int count = r->cuts.count, made = 0, i;
+
+    envsamp__assign_pieces(r, 0);
+    while (made < wanted) {
+        double target = 0.0, sum = 0.0;
+        int at = -1;
+
+        for (i = 0; i < count; i++)
+            target += r->reach[i] > masked ? r->cuts.regions[i].sum.luminance : 0.0;
+        target *= envsamp__random(l->desc->seed, (uint32_t)made);
+        for (i = 0; i < count && sum <= target; i++)
+            if (r->reach[i] > masked) {
+                sum += r->cuts.regions[i].sum.luminance;
+                at = i;
+            }
+        if (at >= 0)
+            envsamp__put_light(r, made++, at);
+        else if (masked > 0.0f)
+            masked = 0.0f;
+        else
+            break;
+    }
+    return made;
+}
+
+/* Puts every light on the emissive texel of its pieces that is nearest to it, and gives it those
+   that are not far from there. The others go back to the rest of the map. */
+static void envsamp__place_directs(envsamp__lights *l)
+{
+    const envsamp__relaxation *r = &l->relaxation;
+    const envsamp__patches *p = &r->cuts.patches;
+    double scale = (double)l->desc->mask_scale / (double)l->desc->count, farthest = -2.0;
+    double cosine = 1.0 - 2.0 * scale, dir[3], at[3];
+    int i, k, c, x, y;
+
+    if (cosine > 0.0 && scale > 0.0 && l->emission.luminance[0] > 0.0)
+        farthest = envsamp__clamp(2.0 * cosine * cosine - 1.0, -1.0,
+                                  1.0 - 1e-6);      /* a texel is not far from itself */
+    for (k = 0; k < r->lights; k++) {
+        r->movers[k].chord = -2.0;
+        ENVSAMP_MEMSET(&r->movers[k].sum, 0, sizeof r->movers[k].sum);
+    }
+    for (i = 0; i < r->cuts.count; i++) {
+        const envsamp__region *piece = &r->cuts.regions[i];
+        envsamp__mover *m = &r->movers[piece->light];
+
+        for (x = piece->x0 - 1, y = piece->y0; envsamp__next_texel(p, piece, &x, &y); ) {
+            envsamp__table_dir(p, x, y, dir);
+            for (c = 0; c < 3; c++)
+                at[c] = (double)m->axis[c];
+            if (envsamp__dot(dir, at) <= m->chord)
+                continue;
+            m->chord = envsamp__dot(dir, at);
+            l->texels[piece->light].x = x;
+            l->texels[piece->light].y = y;
+        }
+    }
+    for (i = 0; i < r->cuts.count; i++) {
+        const envsamp__region *piece = &r->cuts.regions[i];
+        envsamp_texel texel = l->texels[piece->light];
+
+        envsamp__table_dir(p, texel.x, texel.y, at);
+        envsamp__normalise(at, r->movers[piece->light].axis);
+        for (x = piece->x0 - 1, y = piece->y0; envsamp__next_texel(p, piece, &x, &y); ) {
+            envsamp__table_dir(p, x, y, dir);
+            if (envsamp__dot(dir, at) < farthest)
+                l->emission.labels[(size_t)y * (size_t)l->image->width + (size_t)x]
+                    = ENVSAMP__DIM;
+            else
+                envsamp__add_texel_light(p, x, y, &r->movers[piece->light].sum);
+        }
+    }
+}
+
+/* Makes EnvDirects of emissive texels. Of K lights they are as many as is the share of these in
+   luminance x solid angle^(1/4). */
+static void envsamp__make_directs(envsamp__lights *l, envsamp_light *lights)
+{
+    const envsamp__emission *e = &l->emission;
+    double dim = e->luminance[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(e->sr[0]));
+    double emissive = e->luminance[1] * ENVSAMP_SQRT(ENVSAMP_SQRT(e->sr[1]));
+    envsamp__relaxation *r = &l->relaxation;
+    int count = l->desc->count, k;
+
+    if (e->luminance[0] > 0.0) {
+        k = (int)((double)count * emissive / (dim + emissive) + 0.5);
+        count = envsamp__min(emissive > 0.0 ? envsamp__max_int(k, 1) : k, count - 1);
+    }
+    r->lights = count;
+    if (count == 0)
+        return;
+    envsamp__begin_cuts(&r->cuts);
+    envsamp__make_pieces(r, e->luminance[1]);
+    r->lights = envsamp__draw_directs(l, envsamp__min(count, r->cuts.count));
+    envsamp__relax(r, l->desc->refine_rounds);
+    envsamp__place_directs(l);
+    for (k = 0; k < r->lights; k++) {
+        envsamp__set_light(&r->movers[k].sum, r->movers[k].axis, 1, &lights[k]);
+        lights[k].direct = 1;
+    }
+}
+
+/* ---- EnvIndirects ---- */
+
+/* Cuts what is not emissive into so many lights. Spread, extent and luminance are divided by the
+   largest of regions that can be cut, anew after every cut, after 64 ever more seldom. */
+static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light *lights)
+{
+    envsamp__cuts *cuts = &l->cuts;
+    int due = 1, i, k;
+
+    envsamp__begin_cuts(cuts);
+    while (cuts->count < count) {
+        if (cuts->count >= due) {
+            double most[3] = { 0.0, 0.0, 0.0 };
+
+            for (i = 0; i < cuts->count; i++)
+                if (cuts->regions[i].key >= 0.0) {
+                    most[0] = envsamp__max(most[0], cuts->regions[i].spread);
+                    most[1] = envsamp__max(most[1], cuts->regions[i].extent);
+                    most[2] = envsamp__max(most[2], cuts->regions[i].sum.luminance);
+                }
+            cuts->weight[0] = (double)l->desc->weight_variance;
+            cuts->weight[1] = (double)l->desc->weight_extent;
+            cuts->weight[2] = (double)l->desc->weight_energy;
+            for (k = 0; k < 3; k++)
+                cuts->weight[k] /= most[k] > 0.0 ? most[k] : 1.0;
+            envsamp__sort_regions(cuts);
+            due = cuts->count + 1 + cuts->count / 64;
+        }
+        if (cuts->regions->key < 0.0)
+            break;
+        envsamp__cut_top(cuts);
+    }
+    cuts->rule = ENVSAMP_LIGHTS_MEDIAN_CUT;     /* more lights share the brightest */
+    envsamp__sort_regions(cuts);
+    for (i = cuts->count; i < count; i++) {
+        cuts->regions->copies++;
+        envsamp__set_key(cuts, cuts->regions);
+        envsamp__sink_region(cuts, 0);
+    }
+    envsamp__region_lights(cuts, lights);
+}
+
+static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
+{
+    const envsamp__relaxation *r = &l->relaxation;
+    int count = l->desc->count, i, c;
+
+    envsamp__find_emission(&l->emission, l->desc);
+    l->info.threshold = l->emission.threshold;
+    envsamp__make_directs(l, lights);
+    l->info.direct_count = r->lights;
+    if (r->lights == 0)
+        l->cuts.patches.labels = NULL;
+    if (r->lights > 0 && !(l->emission.luminance[0] > 0.0)) {
+        envsamp__share_lights(lights, r->lights, count);
+        l->info.direct_count = count;
+    } else {
+        envsamp__make_indirects(l, count - r->lights, lights + r->lights);
+    }
+    for (c = 0; c < 3; c++) {
+        for (i = 0; i < r->lights; i++)
+            l->info.integral[c] += r->movers[i].sum.rgb[c];
+        for (i = 0; i < l->cuts.count; i++)
+            l->info.integral[c] += l->cuts.regions[i].sum.rgb[c];
+    }
+}
+
+/* ---- lights of any method ---- */
 
 static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image,
                                   const envsamp_lights_desc *desc, envsamp__arena *arena)
@@ -9072,93 +8364,104 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
     l->desc = desc;
     l->pixels.image = image;
     l->pixels.row_sr = ENVSAMP__TAKE(double, arena, image->height);
+    if (desc->method != ENVSAMP_LIGHTS_MEDIAN_CUT && desc->method != ENVSAMP_LIGHTS_VARIANCE_CUT)
+        l->texels = ENVSAMP__TAKE(envsamp_texel, arena, desc->count);
     if (desc->method == ENVSAMP_LIGHTS_MEDIAN_CUT || desc->method == ENVSAMP_LIGHTS_VARIANCE_CUT
         || desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        envsamp__cuts_carve(&l->cuts, image, &l->pixels, desc, arena);
+        envsamp__cuts_carve(&l->cuts, &l->pixels, desc->method, desc->count, arena);
     } else {
-        l->texels = ENVSAMP__TAKE(envsamp_texel, arena, desc->count);
         l->halftone_desc.count = desc->count;
         l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
                                                                         : ENVSAMP_KERNEL_SZIRMAY;
         l->halftone_desc.seed = desc->seed;
-        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, image->width, image->height,
-                                arena);
+        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, &l->pixels, arena);
     }
     if (desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
-        envsamp__relaxation_carve(&l->relaxation, image, &l->pixels, desc->count, arena);
-    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
-        envsamp__decomposition_carve(&l->decomposition, &l->relaxation, &l->cuts, &l->pixels, desc,
-                                     arena);
+        envsamp__relaxation_carve(&l->relaxation, &l->pixels, desc->count, arena);
+    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
+        envsamp__emission_carve(&l->emission, &l->pixels, arena);
+        l->emission.labels = (uint8_t *)envsamp__take(arena, (uint64_t)image->width
+                                                      * (uint64_t)image->height, 1);
+        l->cuts.patches.labels = l->relaxation.cuts.patches.labels = l->emission.labels;
+        l->cuts.patches.label = ENVSAMP__DIM;
+        l->relaxation.cuts.patches.label = ENVSAMP__EMISSIVE;
+    }
 }
 
 /* Integrals of the map, and how many of its pixels are bad. */
 static void envsamp__survey_rows(envsamp__lights *l)
 {
     const envsamp_image *image = l->image;
-    double sum[4 * ENVSAMP__CHUNK] = { 0.0 };
+    double sum[4 * ENVSAMP__LANES] = { 0.0 };
     float mended[4 * ENVSAMP__CHUNK];
-    int x, y, c;
+    int channels = image->channels, x, y, i, c;
 
     for (y = 0; y < image->height; y++)
         for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
             int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
-            const float *pixel = envsamp__read_pixels(envsamp__pixel_at(image, x, y),
-                                                      image->channels, count, mended,
-                                                      &l->info.bad_pixel_count);
+            const float *pixel = envsamp__read_pixels(envsamp__pixel_at(image, x, y), channels,
+                                                      count, mended, &l->info.bad_pixel_count);
 
-            envsamp__add_floats(pixel, image->channels * count, l->pixels.row_sr[y], sum);
+            for (i = 0; i < count; i += ENVSAMP__LANES)
+                envsamp__add_floats(pixel + i * channels,
+                                    channels * envsamp__min(ENVSAMP__LANES, count - i),
+                                    l->pixels.row_sr[y], sum);
         }
-    for (x = 0; x < ENVSAMP__CHUNK; x++)
+    for (i = 0; i < ENVSAMP__LANES; i++)
         for (c = 0; c < 3; c++)
-            l->info.integral[c] += sum[x * image->channels + (image->channels == 1 ? 0 : c)];
+            l->info.integral[c] += sum[i * channels + (channels == 1 ? 0 : c)];
 }
-
-/* The same, and squares of all texels. */
-static void envsamp__survey_squares(envsamp__lights *l, envsamp__squares *squares)
-{
-    envsamp__square all;
-
-    l->info.bad_pixel_count = envsamp__make_squares(squares);
-    all = envsamp__sum_squares(squares, 0, 0, l->image->width, l->image->height);
-    ENVSAMP_MEMCPY(l->info.integral, all.rgb, sizeof all.rgb);
-}
-
 static void envsamp__survey(envsamp__lights *l)
 {
+    envsamp__cuts *cuts = l->cuts.regions ? &l->cuts : &l->relaxation.cuts;
+
     envsamp__fill_row_sr(l->image, l->pixels.row_sr);
     if (l->desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        l->info.bad_pixel_count = envsamp__survey_emission(&l->decomposition.emission);
-        l->luminance = l->decomposition.emission.total;
+        l->info.bad_pixel_count = envsamp__survey_emission(&l->emission);
+        l->luminance = l->emission.total;
         return;
     }
-    if (l->desc->method == ENVSAMP_LIGHTS_RELAXED)
-        envsamp__survey_squares(l, &l->relaxation.squares);
-    else if (l->cuts.regions)
-        envsamp__survey_squares(l, &l->cuts.squares);
-    else
+    if (cuts->regions) {
+        l->info.bad_pixel_count = envsamp__begin_cuts(cuts);
+        ENVSAMP_MEMCPY(l->info.integral, cuts->regions->sum.rgb, sizeof l->info.integral);
+    } else {
         envsamp__survey_rows(l);
+    }
     l->luminance = envsamp__luminance(l->info.integral, l->image->channels);
 }
 
-/* The light of the k-th of `count` samples in a texel, where steps of a golden ratio put them. */
-static void envsamp__make_light(const envsamp__lights *l, const envsamp_texel *texel, int k,
-                                int count, envsamp_light *light)
+/* Lights of chosen texels: where `same` are one texel, steps of a golden ratio put them in it. */
+static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *lights)
 {
     const envsamp_image *image = l->image;
-    double across = ((double)k + 0.5) / (double)count, down = 0.5 + 0.61803398874989485 * (double)k;
-    double rgb[3], sr = l->luminance / (double)l->desc->count
-                      / envsamp__texel_value(image, texel->x, texel->y, rgb);
-    int c;
+    int count = l->desc->count, i, k, c, same;
 
-    down -= (double)(int)down;
-    envsamp_uv_to_dir(image->mapping, (float)(((double)texel->x + across) / (double)image->width),
-                      (float)(((double)texel->y + down) / (double)image->height), light->dir);
-    for (c = 0; c < 3; c++)
-        light->irradiance[c] = envsamp__to_float(rgb[c] * sr);
-    sr = sr < 4.0 * ENVSAMP__PI ? sr : 4.0 * ENVSAMP__PI;
-    light->solid_angle = (float)sr;
-    light->cos_extent = (float)(1.0 - sr / (2.0 * ENVSAMP__PI));
-    light->direct = 0;
+    for (i = 0; i < count; i += same) {
+        envsamp_texel texel = l->texels[i];
+        double rgb[3], sr = l->luminance / (double)count
+                          / envsamp__texel_value(image, texel.x, texel.y, rgb);
+
+        for (same = 1; i + same < count && l->texels[i + same].x == texel.x
+                       && l->texels[i + same].y == texel.y; same++)
+            continue;
+        for (k = 0; k < same; k++) {
+            double down = 0.5 + 0.61803398874989485 * (double)k, size = sr;
+            double across = ((double)k + 0.5) / (double)same;
+            envsamp_light *light = &lights[i + k];
+
+            down -= (double)(int)down;
+            envsamp_uv_to_dir(image->mapping,
+                              (float)(((double)texel.x + across) / (double)image->width),
+                              (float)(((double)texel.y + down) / (double)image->height),
+                              light->dir);
+            for (c = 0; c < 3; c++)
+                light->irradiance[c] = envsamp__to_float(rgb[c] * sr);
+            size = size < 4.0 * ENVSAMP__PI ? size : 4.0 * ENVSAMP__PI;
+            light->solid_angle = (float)size;
+            light->cos_extent = (float)(1.0 - size / (2.0 * ENVSAMP__PI));
+            light->direct = 0;
+        }
+    }
 }
 
 /* Tints all lights alike, so that they sum to the map's integral in each channel. One that no light
@@ -9178,39 +8481,6 @@ static void envsamp__balance_lights(const envsamp__lights *l, envsamp_light *lig
             lights[i].irradiance[c] = envsamp__to_float((double)lights[i].irradiance[c] * scale
                                                         + plus);
     }
-}
-
-static void envsamp__make_lights(const envsamp__lights *l, envsamp_light *lights)
-{
-    const envsamp_texel *texel = l->texels;
-    int count = l->desc->count, i, k, same;
-
-    for (i = 0; i < count; i += same) {
-        for (same = 1; i + same < count && texel[i + same].x == texel[i].x
-                       && texel[i + same].y == texel[i].y; same++)
-            continue;
-        for (k = 0; k < same; k++)
-            envsamp__make_light(l, &texel[i], k, same, &lights[i + k]);
-    }
-}
-
-static void envsamp__choose_lights(envsamp__lights *l, envsamp_light *lights)
-{
-    if (l->desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        l->info.direct_count = envsamp__decompose(&l->decomposition, lights, l->info.integral);
-        l->info.threshold = l->decomposition.emission.threshold;
-        return;
-    }
-    if (l->cuts.regions) {
-        envsamp__cut_lights(&l->cuts, l->desc->count, lights);
-        return;
-    }
-    if (l->desc->method == ENVSAMP_LIGHTS_RELAXED
-        && envsamp__relax_lights(&l->relaxation, l->desc->refine_rounds, l->luminance,
-                                 l->info.integral, lights))
-        return;
-    envsamp__halftone_scan(&l->halftone, &l->pixels, l->luminance, 0, l->desc->count, l->texels);
-    envsamp__make_lights(l, lights);
 }
 
 static float envsamp__or(float value, float otherwise)
@@ -9245,21 +8515,19 @@ ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void)
     return envsamp__lights_filled(NULL);
 }
 
-/* Whether the threshold of emissive texels can be found. */
-static int envsamp__emission_good(const envsamp_lights_desc *desc)
+/* Whether a description is good; for a mask only what finds the threshold counts. */
+static int envsamp__lights_good(const envsamp_lights_desc *desc, int mask)
 {
-    return envsamp__in_range(desc->percentile, -FLT_MAX, 1.0f)
-        && envsamp__in_range(desc->lambda, -FLT_MAX, FLT_MAX)
-        && envsamp__in_range(desc->gamma, -FLT_MAX, FLT_MAX);
-}
-
-static int envsamp__decomposition_good(const envsamp_lights_desc *desc)
-{
-    return envsamp__emission_good(desc)
-        && envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
-        && envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
-        && envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
-        && envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX);
+    if (!envsamp__in_range(desc->percentile, -FLT_MAX, 1.0f)
+        || !envsamp__in_range(desc->lambda, -FLT_MAX, FLT_MAX)
+        || !envsamp__in_range(desc->gamma, -FLT_MAX, FLT_MAX))
+        return 0;
+    return mask || (desc->count >= 1 && desc->count <= 65536
+                    && (uint32_t)desc->method <= ENVSAMP_LIGHTS_RANDOM
+                    && envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
+                    && envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
+                    && envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
+                    && envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX));
 }
 
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
@@ -9274,8 +8542,7 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
     desc = &filled;
     if (result != ENVSAMP_OK)
         return result;
-    if (desc->count < 1 || desc->count > 65536
-        || (uint32_t)desc->method > ENVSAMP_LIGHTS_RANDOM || !envsamp__decomposition_good(desc))
+    if (!envsamp__lights_good(desc, 0))
         return ENVSAMP_ERR_PARAM;
     envsamp__lights_carve(&l, image, desc, &arena);
     return envsamp__set_sizes(sizes, 0, arena.used);
@@ -9290,10 +8557,10 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
     envsamp__arena arena = { NULL, 0 };
     envsamp_sizes sizes;
     envsamp__lights l;
-    envsamp_result result;
+    envsamp_result result = envsamp_lights_sizes(image, &filled, &sizes);
+    int made;
 
     desc = &filled;
-    result = envsamp_lights_sizes(image, desc, &sizes);
     if (result == ENVSAMP_OK)
         result = lights ? envsamp__floats_check(image->pixels) : ENVSAMP_ERR_NULL;
     if (result == ENVSAMP_OK)
@@ -9308,7 +8575,18 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
         return ENVSAMP_ERR_VALUE;
     if (!(l.luminance > 0.0))
         return ENVSAMP_ERR_BLACK;
-    envsamp__choose_lights(&l, lights);
+    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
+        envsamp__decompose(&l, lights);
+    } else if (l.cuts.regions) {
+        for (made = 1; made < desc->count; made++)
+            envsamp__cut_top(&l.cuts);
+        envsamp__region_lights(&l.cuts, lights);
+    } else if (desc->method != ENVSAMP_LIGHTS_RELAXED
+               || !envsamp__relax_lights(&l.relaxation, desc->refine_rounds, l.luminance,
+                                         l.info.integral, lights)) {
+        envsamp__halftone_scan(&l.halftone, l.luminance, 0, desc->count, l.texels);
+        envsamp__texel_lights(&l, lights);
+    }
     envsamp__balance_lights(&l, lights);
     l.info.count = desc->count;
     if (info)
@@ -9328,11 +8606,10 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     envsamp_result result;
     size_t bad;
 
-    desc = &filled;
     if (!image || !image->pixels || !mask)
         return ENVSAMP_ERR_NULL;
     result = envsamp__image_check(image);
-    if (result == ENVSAMP_OK && !envsamp__emission_good(desc))
+    if (result == ENVSAMP_OK && !envsamp__lights_good(&filled, 1))
         result = ENVSAMP_ERR_PARAM;
     if (result == ENVSAMP_OK)
         result = envsamp__floats_check(image->pixels);
@@ -9353,33 +8630,17 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     e.labels = mask;
     envsamp__fill_row_sr(image, pixels.row_sr);
     bad = envsamp__survey_emission(&e);
-    if (desc->strict && bad)
+    if (filled.strict && bad)
         return ENVSAMP_ERR_VALUE;
     if (!(e.total > 0.0))
         return ENVSAMP_ERR_BLACK;
-    envsamp__find_emission(&e, desc);
+    envsamp__find_emission(&e, &filled);
     if (threshold)
         *threshold = e.threshold;
     return ENVSAMP_OK;
 }
 
 /* ---- interleaved sets ---- */
-
-/* A unit vector turned by an angle, of which sine and cosine are given, towards an azimuth. */
-static void envsamp__turn_dir(const float dir[3], double sine, double cosine, double azimuth,
-                              float out[3])
-{
-    double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2], sign = z < 0.0 ? -1.0 : 1.0;
-    double a = -1.0 / (sign + z), b = x * y * a, s, c, v[3];
-
-    envsamp__sincos_pi(2.0 * azimuth, &s, &c);
-    s *= sine;
-    c *= sine;
-    v[0] = cosine * x + c * (1.0 + sign * x * x * a) + s * b;
-    v[1] = cosine * y + c * sign * b + s * (sign + y * y * a);
-    v[2] = cosine * z - c * sign * x - s * y;
-    envsamp__normalise(v, out);
-}
 
 ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights, int count,
                                                      int set, int set_count, float extent,
@@ -9393,21 +8654,27 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
         || !envsamp__in_range(extent, 0.0f, 1.0f))
         return ENVSAMP_ERR_PARAM;
     for (i = 0; i < count; i++) {
-        float cone = lights[i].cos_extent;
-        double turn = envsamp__random(seed, 2 * (uint32_t)i), angle, sine, cosine, azimuth;
+        double x = (double)lights[i].dir[0], y = (double)lights[i].dir[1];
+        double z = (double)lights[i].dir[2], sign = z < 0.0 ? -1.0 : 1.0;
+        double a = -1.0 / (sign + z), b = x * y * a, sine, cosine, s, c, v[3];
+        double turn = envsamp__random(seed, 2 * (uint32_t)i), angle;
         double first = envsamp__random(seed, 2 * (uint32_t)i + 1) * (double)set_count;
-        uint32_t place = ((uint32_t)set + (uint32_t)first) % (uint32_t)set_count;
+        uint32_t rank = ((uint32_t)set + (uint32_t)first) % (uint32_t)set_count;
+        float cone = lights[i].cos_extent;
 
         if (!envsamp__in_range(cone, envsamp__bits_float(0xff800000u), 1.0f))   /* -infinity */
             cone = 1.0f;                        /* a NaN, too: no cone */
         cone = cone > -1.0f ? cone : -1.0f;
         angle = (double)envsamp__polar_fraction(1.0f - cone, 1.0f + cone) * (double)extent;
-        angle *= ENVSAMP_SQRT(((double)place + 0.5) / (double)set_count);
+        angle *= ENVSAMP_SQRT(((double)rank + 0.5) / (double)set_count);
         envsamp__sincos_pi(angle, &sine, &cosine);
-        azimuth = turn + 0.61803398874989485 * (double)place;
-        azimuth -= (double)(int64_t)azimuth;
+        turn += 0.61803398874989485 * (double)rank;
+        envsamp__sincos_pi(2.0 * (turn - (double)(int64_t)turn), &s, &c);
+        v[0] = cosine * x + sine * (c * (1.0 + sign * x * x * a) + s * b);
+        v[1] = cosine * y + sine * (c * sign * b + s * (sign + y * y * a));
+        v[2] = cosine * z - sine * (c * sign * x + s * y);
         out[i] = lights[i];
-        envsamp__turn_dir(lights[i].dir, sine, cosine, azimuth, out[i].dir);
+        envsamp__normalise(v, out[i].dir);
     }
     return ENVSAMP_OK;
 }

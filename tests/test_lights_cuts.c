@@ -2157,10 +2157,10 @@ static double scratch_of(const envsamp_image *view, envsamp_lights_method method
     return envsamp_lights_sizes(view, &desc, &sizes) ? HUGE_VAL : (double)sizes.scratch_bytes;
 }
 
-/* As the header says: cuts 6 MB, 3 for maps twice as wide as high, and 56 bytes a light; RELAXED
-   1 MB, 7 KB a light, of these 4 MB at most, and 200 bytes a light, beside what HALFTONE takes.
-   Both 16 bytes a column and 24 a row. DECOMPOSED: these, 2 MB and 5 bytes a texel. A tenth more
-   is allowed. */
+/* As the header says: cuts 4 MB, 2 for maps twice as wide as high, and 104 bytes a light, but no
+   more than 6 or 3 MB and 56 bytes a light; RELAXED 1 MB, 7 KB a light, of these 4 MB at most, and
+   200 bytes a light, beside what HALFTONE takes. Both 16 bytes a column and 24 a row. DECOMPOSED:
+   these, 2 MB and 5 bytes a texel. A tenth more is allowed. */
 static void test_scratch(void)
 {
     static const int shapes[6][3] = { { 1, 1, 1 }, { 2048, 1024, 32 }, { 8192, 4096, 64 },
@@ -2173,7 +2173,9 @@ static void test_scratch(void)
         const double count = (double)shapes[i][2], mega = 1048576.0;
         const double texels = (double)shapes[i][0] * (double)shapes[i][1];
         const double sides = 16.0 * shapes[i][0] + 24.0 * shapes[i][1];
-        const double cuts = (shapes[i][0] > shapes[i][1] ? 3.0 : 6.0) * mega + 56.0 * count + sides;
+        const double part = shapes[i][0] > shapes[i][1] ? 0.5 : 1.0;
+        const double cuts = fmin(part * 4.0 * mega + 104.0 * count,
+                                 part * 6.0 * mega + 56.0 * count) + sides;
         const double relaxed = fmin(7168.0 * count, 4.0 * mega) + mega + 200.0 * count + sides
                              + scratch_of(&view, ENVSAMP_LIGHTS_HALFTONE, shapes[i][2]);
 
