@@ -42,7 +42,7 @@ EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
 .PHONY: help demo lights product test bench scale fuzz corpus mutants coverage figures convergence \
-        halftone scene lamps coarse shapes least-squares again portability portability-setup data \
+        halftone scene lamps coarse shapes builds least-squares again portability portability-setup data \
         setup clean
 
 help:  ## list the targets
@@ -128,6 +128,9 @@ coarse: $(BUILD)/coarse  ## how bright a sky is with numbers of few bits, by eve
 shapes: $(BUILD)/shapes  ## what builds of long maps take, beside those of as many texels at 2:1
 	$(BUILD)/shapes
 
+builds: $(BUILD)/builds  ## what builds take and give over the real maps, beside HEADER= if given
+	$(BUILD)/builds
+
 least-squares: $(BUILD)/least-squares  ## envsamp_lm on 400 problems of all scales
 	$(BUILD)/least-squares table
 
@@ -208,6 +211,16 @@ $(BUILD)/light_sets: bench/light_sets.c $(COMMON) $(HEADERS) | $(BUILD)
 # Made again each time: one does not see of which header they are.
 $(BUILD)/coarse $(BUILD)/shapes: $(BUILD)/%: bench/%.c $(COMMON) $(HEADERS) again | $(BUILD)
 	$(COMPILE) $(OTHER_HEADER) $(filter %.c,$^) -lm -o $@
+
+# Two versions in one program, if HEADER names another.
+VERSION = $(CC) -std=c99 $(CFLAGS) -I. bench/builds_version.c
+$(BUILD)/builds: bench/builds.c bench/builds_version.c $(TIMED) $(COMMON) $(OBJECTS) $(HEADERS) again
+	$(VERSION) -DVERSION=builds_now -c -o $(BUILD)/builds_now.o
+	$(if $(HEADER),$(VERSION) -w $(OTHER_HEADER) -DVERSION=builds_before -c \
+	    -o $(BUILD)/builds_before.o)
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' $(if $(HEADER),-DWITH_BEFORE) bench/builds.c $(TIMED) \
+	    $(COMMON) $(BUILD)/builds_now.o $(if $(HEADER),$(BUILD)/builds_before.o) \
+	    $(BUILD)/envsamp.o tests/inside.c -lm -o $@
 
 $(BUILD)/least-squares: tests/test_lm_scales.c
 $(BUILD)/lamps: tests/test_lights_lamps.c $(COMMON)

@@ -46,15 +46,15 @@
  *                       texels               strata                      texel: no excess variance,
  *                                                                        4.5 bytes a texel
  *
- * Numbers of that many bits, u0 and u1 alike, draw a sky whose sun is hidden to 1 % as bright as it
- * is, from 16384 blocks or all texels.
+ * bits: with that many bits in both u0 and u1, 16384 blocks or all texels render a sky whose sun is
+ * hidden within 1 % of its brightness.
  *
- * And without a table, all samples of a map at once, by error diffusion: envsamp_halftone for an
- * importance map that is used but once, such as light x BRDF x cosine at one point; envsamp_lights
- * for an engine that wants the map as some directional lights.
+ * Two functions need no table. envsamp_halftone draws all samples of a map at once by error
+ * diffusion, for a map that is used once, such as light x BRDF x cosine at one point.
+ * envsamp_lights turns a map into K directional lights.
  *
- * A table of 6144 blocks, the default, replaces the CDF of a map of any resolution. What it loses
- * against that is `excess_variance`, which envsamp_kd_get_info tells exactly.
+ * A table of 6144 blocks, the default, replaces the CDF of a map of any resolution. The variance
+ * that it adds to that of a perfect sampler is `excess_variance` in envsamp_kd_info.
  *
  * CONVENTIONS. Lat-long maps, +z up, row 0 first:
  *
@@ -72,22 +72,21 @@
  * Pixels are linear radiance. pdf is per steradian. u0 and u1 are uniform in [0, 1).
  *
  * LOOKUPS. A table is made for one way to look the map up. The default is bilinear: between texel
- * centres, as most renderers and every GPU do; density is then above zero wherever such a lookup
- * is, but for rounding, and all figures are those of the interpolated map. With `nearest`, lookups
- * must take the nearest texel: looked up bilinearly, a table for nearest texels misses 4 to 40 %
- * of the light of a lamp. The other way round nothing is missed, but there is more noise.
- * envsamp_lookup does both.
+ * centres, as most renderers and every GPU do. Density is then above zero wherever such a lookup
+ * is, but for rounding, and all figures are those of the interpolated map. A table with `nearest`
+ * needs lookups of the nearest texel: bilinear lookups would miss 4 to 40 % of the light of a lamp.
+ * A bilinear table with nearest lookups misses nothing, but has more noise. envsamp_lookup does
+ * both.
  *
- * DESCRIPTIONS. Zero is the default of every field: set what differs, in a description of zeros
- * (memset, or = { .block_count = 16384 }) or in that of _defaults(). What 0 would mean is said by
- * a negative number. Fields may be added at the end.
+ * DESCRIPTIONS. Zero is the default of every field. Set the fields that differ, in a description of
+ * zeros (memset, or = { .block_count = 16384 }) or in that of _defaults(). A negative number says
+ * what 0 would mean. Fields may be added at the end.
  *
- * MIS COMPENSATION [8]. With `mis_compensation` above 0, that many times the mean luminance of the
- * map is subtracted from every texel before a table is made: what is dim on all sides is left to
- * the other sampler, and more samples go to the lamps. Valid only in multiple importance sampling
- * with a sampler that reaches every direction, such as the BSDF's; alone it is biased, since
- * density is zero where the map is dimmer than what was subtracted. The table remembers the amount;
- * its integral stays that of the map, the other figures are of what is left.
+ * MIS COMPENSATION [8]. `mis_compensation` times the mean luminance of the map is subtracted from
+ * every texel before a table is made, so that more samples go to the lamps. Valid only in multiple
+ * importance sampling with a sampler that reaches every direction, such as the BSDF's: density is
+ * zero where the map is dimmer than what was subtracted. The table stores the amount. Its integral
+ * stays that of the map; its other figures are of what is left.
  *
  * PLACING IT IN A SCENE. Build the table of the map as it is, once; turn directions, not pixels.
  * With a matrix whose rows are the map's axes in the world:
@@ -102,27 +101,26 @@
  *   runs the other way in the engine's coordinates. The wrong hand is unbiased, but left and right
  *   are exchanged.
  * - Exposure multiplies radiance, never pdf.
- * - So does a tint: the result is unbiased, but draws keep to the luminance before the tint. Where
- *   its largest factor is k times the smallest, a table without excess variance gets (k - 1)^2 / 4k
- *   of it at most (2 at k = 10), nothing in a grey map. Where that is too much and the tint stays,
- *   multiply the pixels and rebuild.
+ * - So does a tint. The result is unbiased, but samples follow the luminance before the tint. Where
+ *   its largest factor is k times the smallest, this adds at most (k - 1)^2 / 4k of excess variance
+ *   (2 at k = 10), nothing in a grey map. Where that is too much, multiply the pixels and rebuild.
  *
- * examples/common/placement.h has these functions to take over, examples/placement.c checks them.
+ * examples/common/placement.h has these functions to copy, examples/placement.c checks them.
  *
  * GUARANTEES
  * - No heap, no stdio, no globals, no recursion. Only memcpy, memset, memcmp, square roots and
  *   assert are linked, unless overridden.
- * - One call uses less than 8 KiB of stack, functions of yours and sanitizers not counted: "make
- *   test" measures every function with gcc and clang, -O0 to -O3 and -Os.
+ * - One call uses less than 8 KiB of stack, your functions and sanitizers not counted: "make test"
+ *   measures every function with gcc and clang, -O0 to -O3 and -Os.
  * - All memory is yours: ask _sizes, give two buffers to _build, aligned to ENVSAMP_ALIGN, 8 bytes,
- *   as any malloc does; more makes no sample faster. Scratch is free again after the build. The
- *   table holds no pointers: copy it, map it, store it, send it to a GPU, and _open it there.
+ *   as any malloc does. Scratch is free again after the build. The table holds no pointers: copy
+ *   it, map it, store it, send it to a GPU, and _open it there.
  * - A table is read-only after the build; any number of threads may sample it.
  * - A build validates everything that it is given and returns a named result. One that fails leaves
- *   the table buffer as it was, or as nothing that passes _open.
+ *   the table buffer as it was, or as bytes that _open refuses.
  * - Sampling is safe for any float, NaN included, and gives a finite direction, 1 long within 1e-6.
  *   So it is with -ffast-math, and descriptions, pixels and tables are checked as without. But then
- *   _n differs from one at a time in the last digits, and in the block of what lies at an edge.
+ *   _n differs from one at a time in the last digits, and in the block of a point at an edge.
  * - Sums over a map are doubles that only add positive numbers. Blocks of WARP have edges at whole
  *   multiples of 2^-24 in the unit square, blocks of ALIAS such probabilities: what 24-bit numbers
  *   draw is exactly what is claimed. pdf is the density that is really sampled.
@@ -139,15 +137,14 @@
  *                            they call; builds call those too. Default none, in CUDA and HIP
  *                            __host__ __device__
  *   ENVSAMP_ASSERT(x)        default assert(x) from assert.h
- *   ENVSAMP_SQRT(x)          double and float square root, exact to the last bit as IEEE wants it;
+ *   ENVSAMP_SQRT(x)          double and float square root, exact to the last bit as in IEEE 754;
  *   ENVSAMP_SQRTF(x)         default sqrt and sqrtf from math.h, or an instruction that is the same
  *   ENVSAMP_FABSF(x)         default fabsf and copysignf from math.h, which every compiler makes
  *   ENVSAMP_COPYSIGNF(x, y)  an instruction or two
  *   ENVSAMP_MEMCPY, _MEMSET  default memcpy, memset and memcmp from string.h. Compilers may call
  *   and _MEMCMP              those of their own accord too, to copy or clear a structure
- *
- * Where all macros that a header is for are defined, it is not included; with all of the above,
- * float.h, limits.h, stddef.h and stdint.h are left, which a freestanding compiler has.
+ * A header all of whose macros are defined is not included. float.h, limits.h, stddef.h and
+ * stdint.h always are; a freestanding compiler has them.
  *
  * LIMITS. Directions may be 1e-15 to 1e18 long. Tables are in the byte order of the machine that
  * built them; one from a machine of the other order fails to open. Directed rounding modes are not
@@ -157,41 +154,32 @@
  * Where size_t has 32 bits, _sizes refuses maps of 4 GB and buffers of 2 GB: ENVSAMP_ERR_SIZE.
  *
  * REFERENCES
- *  [1] Ergun, Kurt, Ozturk: Real-time Kd-tree Based Importance Sampling of Environment Maps.
- *      SCCG 2012
- *  [2] Vose: A linear algorithm for generating random numbers with a given distribution. IEEE
- *      Transactions on Software Engineering, 1991
- *  [3] Levenberg: A method for the solution of certain non-linear problems in least squares.
- *      Quarterly of Applied Mathematics, 1944; Marquardt: An algorithm for least-squares estimation
- *      of nonlinear parameters. SIAM Journal, 1963
+ *  [1] Ergun, Kurt, Ozturk: Real-time Kd-tree Based Importance Sampling of Environment Maps. 2012
+ *  [2] Vose: A linear algorithm for generating random numbers with a given distribution. 1991
+ *  [3] Levenberg: A method for the solution of certain non-linear problems in least squares. 1944.
+ *      Marquardt: An algorithm for least-squares estimation of nonlinear parameters. 1963
  *  [4] Veach: Robust Monte Carlo Methods for Light Transport Simulation. 1997
- *  [5] More: The Levenberg-Marquardt algorithm: implementation and theory. Numerical Analysis, 1978
- *  [6] Chen, Asau: On generating random variates from an empirical distribution. AIIE
- *      Transactions, 1974
- *  [7] Clarberg: Fast Equal-Area Mapping of the (Hemi)Sphere using SIMD. Journal of Graphics Tools,
- *      2008
+ *  [5] More: The Levenberg-Marquardt algorithm: implementation and theory. 1978
+ *  [6] Chen, Asau: On generating random variates from an empirical distribution. 1974
+ *  [7] Clarberg: Fast Equal-Area Mapping of the (Hemi)Sphere using SIMD. 2008
  *  [8] Karlik, Sik, Vevoda, Skrivan, Krivanek: MIS Compensation: Optimizing Sampling Techniques in
- *      Multiple Importance Sampling. ACM Transactions on Graphics, 2019
- *  [9] Szirmay-Kalos, Szecsi, Penzov: Environment Mapping with Floyd-Steinberg Halftoning. GPU Pro,
- *      2010
- * [10] Floyd, Steinberg: An adaptive algorithm for spatial grayscale. Proceedings of the Society
- *      for Information Display, 1976
+ *      Multiple Importance Sampling. 2019
+ *  [9] Szirmay-Kalos, Szecsi, Penzov: Environment Mapping with Floyd-Steinberg Halftoning. 2010
+ * [10] Floyd, Steinberg: An adaptive algorithm for spatial grayscale. 1976
  * [11] Jarvis, Judice, Ninke: A survey of techniques for the display of continuous tone pictures on
- *      bilevel displays. Computer Graphics and Image Processing, 1976
+ *      bilevel displays. 1976
  * [12] Stucki: MECCA, a multiple-error correction computation algorithm for bi-level image hardcopy
- *      reproduction. IBM research report, 1981
- * [13] Ostromoukhov: A simple and efficient error-diffusion algorithm. SIGGRAPH 2001
+ *      reproduction. 1981
+ * [13] Ostromoukhov: A simple and efficient error-diffusion algorithm. 2001
  * [14] Devroye: Non-Uniform Random Variate Generation. 1986
- * [15] Stolarsky: Sums of distances between points on a sphere II. Proceedings of the American
- *      Mathematical Society, 1973
- * [16] Debevec: A median cut algorithm for light probe sampling. SIGGRAPH Posters, 2005
- * [17] Viriyothai, Debevec: Variance minimization light probe sampling. SIGGRAPH Posters, 2009
- * [18] Wu: Efficient Environment Map Rendering based on Decomposition. Computer Graphics Forum,
- *      2024
+ * [15] Stolarsky: Sums of distances between points on a sphere II. 1973
+ * [16] Debevec: A median cut algorithm for light probe sampling. 2005
+ * [17] Viriyothai, Debevec: Variance minimization light probe sampling. 2009
+ * [18] Wu: Efficient Environment Map Rendering based on Decomposition. 2024
  * [19] Agarwal, Ramamoorthi, Belongie, Jensen: Structured importance sampling of environment maps.
- *      SIGGRAPH 2003
+ *      2003
  * [20] Nesterov: A method for solving the convex programming problem with convergence rate
- *      O(1/k^2). Soviet Mathematics Doklady, 1983
+ *      O(1/k^2). 1983
  */
 #ifndef ENVSAMP_H
 #define ENVSAMP_H
@@ -258,11 +246,11 @@ typedef struct envsamp_image {
     envsamp_mapping mapping;
 } envsamp_image;
 
-/* Fills row y of an image, as `pixels` would hold it: width times channels floats, in memory of the
-   build, which is aligned. For maps that are not aligned floats in memory: half, RGBE, tiled,
-   procedural, out of core. Returns ENVSAMP_OK, or with what the build shall fail. Rows are asked
-   for from 0 on, each once; twice, one pass after the other, with MIS compensation, and for an
-   octahedral map that is looked up bilinearly. */
+/* Fills row y of an image, as `pixels` would hold it: width times channels floats, in aligned
+   memory of the build. For maps that are not aligned floats in memory: half, RGBE, tiled,
+   procedural, out of core. Returns ENVSAMP_OK, or the result that ends the build. Rows are asked
+   for from 0 on, each once; twice, in two passes, with MIS compensation and for an octahedral map
+   that is looked up bilinearly. */
 typedef envsamp_result (*envsamp_row_fn)(int y, float *row, void *user);
 
 typedef struct envsamp_buffer { void *data; size_t bytes; } envsamp_buffer;
@@ -280,8 +268,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float
 /* The point of the map in a direction, of unit length or not: u in [0, 1), for OCTAHEDRAL [0, 1],
    and v in [0, 1], each within 3e-7. HEMISPHERE: directions below the horizon have v above 1, up
    to 2. The zero vector gives the point of +z: (0, 0), for OCTAHEDRAL (1/2, 1/2); NaN and infinity
-   give some point. Where a direction has two or four points, on the seam and on the edges of the
-   octahedral square, it is one of them. */
+   give some point. A direction on the seam, or on an edge of the octahedral square, has several
+   points; the result is one of them. */
 ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const float dir[3],
                                                   float uv[2]);
 
@@ -293,11 +281,10 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_luminance(const float rgb[3]);
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_other);
 
 /* Radiance of the map in a direction: interpolated between texel centres, round the seam, half a
-   turn round over the poles, and across the edges of the octahedral square to where they go on; or,
-   if `nearest` is nonzero, of the nearest texel. Over a pole of an odd width interpolation is half
-   a texel short. HEMISPHERE: its last row reaches down to the horizon; below, where z < 0, it is
-   black. Pixels count as in a build. One channel gives three equal values. The zero vector looks
-   at +z. */
+   turn round over the poles, and across the edges of the octahedral square; or, if `nearest` is
+   nonzero, of the nearest texel. Over a pole of an odd width interpolation is half a texel short.
+   HEMISPHERE: its last row reaches down to the horizon; below, where z < 0, it is black. Pixels
+   count as in a build. One channel gives three equal values. The zero vector looks at +z. */
 ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const float dir[3],
                                 float rgb[3]);
 
@@ -309,10 +296,10 @@ typedef enum envsamp_kd_select {
     ENVSAMP_KD_FIT        /* fitted analytic pdf over sorted blocks [1] */
 } envsamp_kd_select;
 
-/* Which block to split next, and where. EXCESS splits what lowers the variance of L/pdf most: with
-   ALIAS 20 to 40 % less of it than SSE from as many blocks. FIT does not profit, since how well the
-   blocks suit the model decides there; SSE is often better for it. The last three choose by their
-   name and split where the means of the parts explain most squares [1]. */
+/* Which block to split next, and where. EXCESS makes the split that lowers the variance of L/pdf
+   most: with ALIAS 20 to 40 % less of it than SSE from as many blocks. For FIT, where the model
+   decides, SSE is often better. The last three choose by their name and split where the means of
+   the parts explain most squares [1]. */
 typedef enum envsamp_kd_criterion {
     ENVSAMP_KD_EXCESS = 0, ENVSAMP_KD_SSE, ENVSAMP_KD_VARIANCE, ENVSAMP_KD_RANGE
 } envsamp_kd_criterion;
@@ -322,8 +309,8 @@ typedef enum envsamp_kd_model {
     ENVSAMP_KD_POWER      /* p(x) ~ (alpha + x)^-beta */
 } envsamp_kd_model;
 
-/* What a fit minimises: the distance of the probabilities [1, equation 7], or, better, the
-   variance of L/pdf. */
+/* What a fit minimises: L1, the distance of the probabilities [1, equation 7], or CHI2, the
+   variance of L/pdf, which is the better one. */
 typedef enum envsamp_kd_objective { ENVSAMP_KD_L1 = 0, ENVSAMP_KD_CHI2 } envsamp_kd_objective;
 
 typedef struct envsamp_kd_desc {
@@ -372,9 +359,9 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
  *   microseconds, a few of them up to half a millisecond, and there are 25000. *done, which may be
  *   NULL, becomes nonzero when nothing is left to do. FIT: the fit is one item, of 20 milliseconds.
  * _finish: does what is left. *kd points into the table, and is NULL after a failure.
- * table, scratch and what image->pixels or `user` points to stay in place, the image itself need
- * not. Whoever gives up just stops. The table is the same, bit for bit, as that of _build.
- * All return what _build would, or what fn returned. */
+ * table, scratch and what image->pixels or `user` points to stay in place; the image itself need
+ * not. To abandon a build, stop calling _step; nothing needs freeing. The table is the same, bit
+ * for bit, as that of _build. All return what _build would, or what fn returned. */
 typedef struct envsamp_kd_job envsamp_kd_job;
 ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_row_fn fn,
                                             void *user, const envsamp_kd_desc *desc,
@@ -410,17 +397,17 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3]);
 
 /* The numbers that make envsamp_kd_sample draw a direction, which need not be of unit length: for
-   mutations, path guiding and tests. u is what was sampled to 4 units of 2^-24, times how much
-   the block is stretched, du per turn of azimuth or per half of 1 - cos theta; sampling u again is
-   1e-6 rad off, plus what 2^-24 in u is there. Across the edge of a block, as for envsamp_kd_pdf,
-   u jumps while the direction does not. WARP only. Returns 0, and u of 0, where density is 0: in
-   black blocks, for what is no direction, and for ALIAS and FIT. */
+   mutations, path guiding and tests. Round-trip error of u: at most 4 x 2^-24 times du/d(azimuth in
+   turns), or du/d((1 - cos theta) / 2); sampling u again is 1e-6 rad off, plus what 2^-24 in u is
+   there. Across the edge of a block, as for envsamp_kd_pdf, u jumps while the direction does not.
+   WARP only. Returns 0, and u of 0, where density is 0: in black blocks, for what is no direction,
+   and for ALIAS and FIT. */
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
                                                  float u[2]);
 
 /* n samples, or densities, at once; the same bits as one at a time, but for -ffast-math, in a half
-   to a third of the time. Outputs may be the inputs where they have the same type and index, else
-   must not overlap. n: SIZE_MAX / 8 at most, which is asserted. */
+   to a third of the time. In-place calls are allowed: x may alias u0, y may alias u1, pdf x; else
+   outputs and inputs must not overlap. n: SIZE_MAX / 8 at most, which is asserted. */
 ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
                                      const float *u1, float *x, float *y, float *z, float *pdf);
 ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
@@ -457,10 +444,10 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
 
 /* ---- cdf: inversion over texels ------------------------------------------------------------ */
 
-/* The map at full resolution, at some 4.5 bytes a texel where kd needs 100 to 400 KB in all.
-   With `nearest` there is no excess variance. Without it there is that within cells between texel
-   centres, which are drawn evenly: 0.003 to 0.2 for real maps, 0.8 for a lone texel, of which kd
-   makes smaller blocks. */
+/* The map at full resolution, at some 4.5 bytes a texel where kd needs 100 to 400 KB in all. With
+   `nearest` there is no excess variance. Without it there is that within cells between texel
+   centres, which are drawn evenly: 0.003 to 0.2 for real maps, 0.8 for a lone texel. What is not
+   said here is as for kd. */
 typedef struct envsamp_cdf_desc {
     float mis_compensation;          /* 0 none .. 1 full: see MIS COMPENSATION */
     int nearest;                     /* 0: radiance is looked up bilinearly; else nearest texel */
@@ -472,19 +459,15 @@ typedef struct envsamp_cdf envsamp_cdf;
 
 ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void);
 
-/* How large the two buffers of a build must be, exactly. `desc` NULL: the defaults. Needs the
-   image's sizes, not its pixels, which may be NULL here. The table is 4.5 to 5 bytes a texel,
-   4.5 at a width of 2^k, and some 45 a row; scratch is 40 bytes a column, 80 a row, and 4 KB.
-   Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
+/* As envsamp_kd_sizes; exactly. The table is 4.5 to 5 bytes a texel, 4.5 at a width of 2^k, and
+   some 45 a row; scratch is 40 bytes a column, 80 a row, and 4 KB. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
                                              const envsamp_cdf_desc *desc, envsamp_sizes *sizes);
 
-/* Builds the table of a map in one pass over its pixels. *cdf points into table.data, and is NULL
-   after a failure. table, scratch and pixels must not overlap.
-   Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY or _ALIGN.
+/* Builds the table of a map in one pass over its pixels: as envsamp_kd_build.
    Numeric: every lit row, and every lit texel of a row, gets one of 2^24 parts, and the rest is
-   shared out in proportion, rounded down: a texel is drawn at least 1 - (width + height) / 2^24
-   times as often as it ought to be. So with `nearest` max_ratio hardly exceeds 1, and
+   divided in proportion, rounded down: a texel is drawn at least 1 - (width + height) / 2^24
+   times as often as its light asks for. With `nearest`, max_ratio hardly exceeds 1 and
    excess_variance is below (width + height) / 2^24.
    Source: inversion by rows, then columns, as everywhere; found by guide tables [6]. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
@@ -501,51 +484,41 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
 ENVSAMP_DEF envsamp_result envsamp_cdf_step(envsamp_cdf_job *job, int count, int *done);
 ENVSAMP_DEF envsamp_result envsamp_cdf_finish(envsamp_cdf_job *job, const envsamp_cdf **cdf);
 
-/* Opens a table that was stored, mapped or copied: checks in linear time that it is whole, and
-   that edges, guides and densities agree, so that no sample and no pdf can read outside of it, or
-   is not finite. `table` must stay in place while *cdf is used, and be aligned to ENVSAMP_ALIGN.
-   Returns ENVSAMP_ERR_NULL, _ALIGN or _FORMAT. */
+/* As envsamp_kd_open and envsamp_kd_bytes. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                             const envsamp_cdf **cdf);
-
-/* Bytes of the table, to store or upload from the address of cdf. */
 ENVSAMP_DEF size_t envsamp_cdf_bytes(const envsamp_cdf *cdf);
 
 /* Draws a direction with density s.pdf per steradian, in expected constant time, at most
    log2(width height) + 8 steps. u1 chooses the row and goes down in polar angle, u0 the texel of
-   the row and round in azimuth, both evenly within a texel. Of each number its leading 24 bits
-   count; those below are dropped. */
+   the row and round in azimuth, both evenly within a texel. The leading 24 bits of a number count;
+   those below are dropped. */
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *cdf, float u0,
                                                              float u1);
 
-/* Density per steradian of envsamp_cdf_sample in a direction, which need not be of unit length. 0
-   for the zero vector and for one with NaN or infinity. Equals the pdf of a sample, but where its
-   direction, rounded to floats, lies across the edge of its texel: 1 in 6000 at 2048 by 1024. */
+/* As envsamp_kd_pdf. A sample's direction, rounded to floats, lies across the edge of its texel for
+   1 in 6000 at 2048 by 1024. */
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_cdf_pdf(const envsamp_cdf *cdf, const float dir[3]);
 
-/* The numbers that make envsamp_cdf_sample draw a direction, which need not be of unit length:
-   whole multiples of 2^-24, and those that were sampled but for 4 units times how much the texel is
-   stretched, du per turn of azimuth or per half of 1 - cos theta. Across the edge of a texel, as
-   for envsamp_cdf_pdf, u jumps while the direction does not. Returns 0, and u of 0, where density
-   is 0: in black texels and for what is no direction. */
+/* As envsamp_kd_invert, with the same error; u are whole multiples of 2^-24. */
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const float dir[3],
                                                   float u[2]);
 
-/* n samples, or densities, at once; the same bits as one at a time, but for -ffast-math, and of a
-   large map two to five times as fast, as waits for memory overlap. Outputs may be the inputs where
-   they have the same type and index, else must not overlap. */
+/* As envsamp_kd_sample_n and envsamp_kd_pdf_n. Of a large map two to five times as fast as one at a
+   time, as waits for memory overlap. */
 ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
                                       const float *u1, float *x, float *y, float *z, float *pdf);
 ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float *x,
                                    const float *y, const float *z, float *pdf);
 
+/* See envsamp_kd_info. */
 typedef struct envsamp_cdf_info {
-    double integral;         /* of luminance over the sphere: units of luminance x sr */
-    double excess_variance;  /* E[(L/pdf)^2] / integral^2 - 1, exact over the map */
-    double max_ratio;        /* largest L / (pdf * integral) over the map */
-    size_t bad_pixel_count;  /* NaN, infinite or negative pixels taken as zero */
-    float mis_compensation;  /* in force: 0 where nothing would have been left */
-    int nearest;             /* how lookups have to be: as in the description */
+    double integral;
+    double excess_variance;
+    double max_ratio;
+    size_t bad_pixel_count;
+    float mis_compensation;
+    int nearest;
     envsamp_mapping mapping;
 } envsamp_cdf_info;
 
@@ -596,7 +569,7 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   envsamp_sizes *sizes);
 
 /* Chooses M texels with a density in proportion to their importance, evenly spread, as a halftone
-   of the map: M samples at once where a table that is sampled one by one would not pay, such as a
+   of the map: M samples at once, where a table that is sampled one by one would not pay, such as a
    32 by 32 map of light x BRDF x cosine for one shaded point.
    importance: height rows of width floats, row_stride_bytes apart, 0 for packed; 0 or above, of any
      scale. Weigh a lat-long map by solid angle first; envsamp_lights does so.
@@ -606,8 +579,8 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
    Evenness: with CELLS, without `once`, the number of samples in a rectangle of mass m was within
      2.5 sqrt(perimeter in cells) of M m in every map tried, for 64 to 1024 samples; 0.6
      sqrt(perimeter in texels) at 512 by 256.
-     With a random seed above 0 every texel is chosen as often as it is worth, so that the mean of
-     f / (M probability) is the sum of f; TEXELS chooses dim ones too often, and has fireflies.
+     With a random seed above 0 every texel is chosen M probability times on average, so the mean
+     of f / (M probability) is the sum of f; TEXELS chooses dim ones too often, and has fireflies.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE for a NaN, infinite or negative importance,
      _BLACK if all are zero, _MEMORY if `capacity` or scratch is too small, or _ALIGN; then *count
      is 0.
@@ -622,9 +595,8 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
 
 /* ---- lights: a map as K directional lights --------------------------------------------------- */
 
-/* RELAXED is the best at 16 to 64 lights: in a scene with shadows 22 to 37 % below the error of
-   VARIANCE_CUT and DECOMPOSED, which are 10 to 27 % below MEDIAN_CUT. DECOMPOSED tells lamps, which
-   make shadows, from the rest, which may be shaded in a smaller picture. */
+/* RELAXED is the best at 16 to 64 lights. DECOMPOSED tells lamps, which make shadows, from the
+   rest, which may be shaded in a smaller picture. */
 typedef enum envsamp_lights_method {
     ENVSAMP_LIGHTS_RELAXED = 0,     /* relaxed on the sphere, moved and weighed: see @lights */
     ENVSAMP_LIGHTS_DECOMPOSED,      /* EnvDirects on bright, emissive texels, and EnvIndirects for
@@ -690,13 +662,13 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
 
 /* Turns a map of any mapping into K directional lights, which sum to the map's integral in every
    channel. HALFTONE, RANDOM: colours are those of the texels, all of one luminance, then tinted
-   alike. Where one texel is worth several lights, they stand evenly in it, one alone in its middle.
+   alike. Where one texel has several lights, they stand evenly in it, one alone in its middle.
    Cuts: where a rectangle cannot be cut into two that have light, lights share its centroid.
-   RELAXED: more rounds bring lights no farther from the map, as @lights has it. Where they are more
-   than the lit texels, lights share these. Above 16384 it gives those of HALFTONE. DECOMPOSED:
-   EnvDirects come first, each on an emissive texel of those that it stands for, and no two on one
-   unless all that is lit is emissive and there are more lights than texels, or than 32768. Lights
-   brighter than FLT_MAX are clamped, those of a map with nothing brighter than 1e-36 lose digits.
+   RELAXED: more rounds never raise the error that @lights defines. Where lights are more than the
+   lit texels, they share these. Above 16384 it gives those of HALFTONE. DECOMPOSED: EnvDirects come
+   first, each on an emissive texel of those that it stands for, and no two on one unless all that
+   is lit is emissive and there are more lights than texels, or than 32768. Lights brighter than
+   FLT_MAX are clamped, those of a map with nothing brighter than 1e-36 lose digits.
    lights: `capacity` of them, K or more. info may be NULL.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM, _VALUE, _BLACK, _MEMORY if `capacity` or scratch is too
      small, or _ALIGN; nothing is said of `lights` then.
@@ -718,10 +690,8 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
 
 /* Set `set` of `set_count` matched sets, of which every pixel of a small tile takes another
    (interleaved sampling): edges of shadows become a fine pattern that a filter removes. Each light
-   is turned within `extent`, 0..1, of the angle of its own cone; the places that it takes in all
-   sets cover that disc evenly, on a spiral, and its energy is the same in all. [18] has 0.1. The
-   mean of 8 sets of 32 lights of RELAXED errs less in a scene with shadows by 8 % at 0.1, 43 at 0.5
-   and 48 at 1, by independent turns 6, 27 and 8 %; what is left to filter is 2, 6 and 9 %.
+   is turned within `extent`, 0..1, of the angle of its own cone, 0.1 in [18]; the places that it
+   takes in all sets cover that disc evenly, on a spiral, and its energy is the same in all.
    count: 0 or more. set: 0..set_count - 1. A single set is turned too, by 0.71 of `extent`. A cone
    of no size, cos_extent 1 or more or a NaN, turns nothing. out: `count` lights, may be `lights`.
    Returns ENVSAMP_ERR_NULL or _PARAM. */
@@ -1205,6 +1175,10 @@ ENVSAMP__HOT void envsamp__sqrt_n(float *x, int n)
 
 /* ============================================================================================
  * IMAGES AND ROWS OF LUMINANCE                                               [search: @images]
+ *
+ * Memory, checks of what callers give, and the one reader of pixels, which mends and counts bad
+ * ones. kd and cdf read rows of luminance, from an image or a callback; halftone and lights read
+ * runs of a row and single texels.
  * ========================================================================================== */
 
 ENVSAMP_DEF const char *envsamp_result_string(envsamp_result result)
@@ -1357,9 +1331,8 @@ static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, 
 /* ---- pixels ---- */
 
 #define ENVSAMP__LEVELS 16      /* cells of 2^16 texels cover the widest map */
-#define ENVSAMP__CHUNK 64       /* columns that are worked on together, and */
-#define ENVSAMP__LANES 32       /* floats of an inner loop: constants, so that compilers vectorise
-                                   at -O2 too */
+#define ENVSAMP__CHUNK 64       /* columns that are worked on together: a constant, so that
+                                   compilers vectorise at -O2 too */
 #define ENVSAMP__TOP 128        /* cells of the coarsest level, at most: one split reads as many */
 #define ENVSAMP__BEYOND 9       /* knots that are read, but do not count, after the last */
 
@@ -1393,32 +1366,33 @@ static inline uint32_t envsamp__suspect(float value)
 static const float *envsamp__read_pixels(const float *from, int channels, int count,
                                          float *mended, size_t *bad)
 {
-    const int quarter = ENVSAMP__CHUNK / 4;
-    const float *at = from;
+    const int part = ENVSAMP__CHUNK / 4;
+    int floats = channels * count, at = 0, i, c;
     uint32_t top = 0;
-    int rest = channels * count, i, c;
 
-    for (; rest >= 4 * quarter; rest -= 4 * quarter, at += 4 * quarter)
-        for (i = 0; i < quarter; i++)
-            top |= envsamp__suspect(at[i]) | envsamp__suspect(at[i + quarter])
-                 | envsamp__suspect(at[i + 2 * quarter]) | envsamp__suspect(at[i + 3 * quarter]);
-    for (i = 0; i < rest; i++)
-        top |= envsamp__suspect(at[i]);
+    for (; at + ENVSAMP__CHUNK <= floats; at += ENVSAMP__CHUNK)
+        for (i = at; i < at + part; i++)
+            top |= envsamp__suspect(from[i]) | envsamp__suspect(from[i + part])
+                 | envsamp__suspect(from[i + 2 * part]) | envsamp__suspect(from[i + 3 * part]);
+    for (; at < floats; at++)
+        top |= envsamp__suspect(from[at]);
+    if (top >> 31 && channels == 4)         /* not by what is ignored */
+        for (i = 0, top = 0; i < count; i++)
+            top |= envsamp__suspect(from[4 * i]) | envsamp__suspect(from[4 * i + 1])
+                 | envsamp__suspect(from[4 * i + 2]);
     if (!(top >> 31))
         return from;
     for (i = 0; i < count; i++) {
-        float rgb[4];
+        float rgba[4] = { 0.0f };
 
-        *bad += (size_t)envsamp__mend_pixel(from + i * channels, channels, rgb);
-        rgb[3] = 0.0f;
+        *bad += (size_t)envsamp__mend_pixel(from + i * channels, channels, rgba);
         for (c = 0; c < channels; c++)
-            mended[i * channels + c] = rgb[c];
+            mended[i * channels + c] = rgba[c];
     }
     return mended;
 }
 
-/* Their luminance, as it lies or in `luminance`. The weights sum to 1 in floats, so that no finite
-   pixel has one above FLT_MAX. */
+/* The same of their luminance. Its weights sum to 1 in floats: that of finite pixels is finite. */
 static const float *envsamp__read_luminance(const float *from, int channels, int count,
                                             float *luminance, size_t *bad)
 {
@@ -1428,7 +1402,7 @@ static const float *envsamp__read_luminance(const float *from, int channels, int
     if (channels == 1)
         return envsamp__read_pixels(from, 1, count, luminance, bad);
     from = envsamp__read_pixels(from, channels, count, mended, bad);
-    if (channels == 3 && count == ENVSAMP__CHUNK)   /* two constants: a third faster */
+    if (channels == 3 && count == ENVSAMP__CHUNK)   /* with constants a third faster */
         for (i = 0; i < ENVSAMP__CHUNK; i++)
             luminance[i] = envsamp_luminance(from + 3 * i);
     else
@@ -1464,14 +1438,12 @@ static double envsamp__luminance(const double *rgb, int channels)
 /* sum += weight * value, number by number. */
 static void envsamp__add_floats(const float *value, int count, double weight, double *sum)
 {
+    const int part = ENVSAMP__CHUNK / 2;
     int i;
 
-    for (; count >= ENVSAMP__LANES; count -= ENVSAMP__LANES) {
-        for (i = 0; i < ENVSAMP__LANES; i++)
+    for (; count >= part; count -= part, value += part, sum += part)
+        for (i = 0; i < part; i++)
             sum[i] += weight * (double)value[i];
-        value += ENVSAMP__LANES;
-        sum += ENVSAMP__LANES;
-    }
     for (i = 0; i < count; i++)
         sum[i] += weight * (double)value[i];
 }
@@ -1527,41 +1499,40 @@ static void envsamp__source_carve(envsamp__source *source, const envsamp_image *
 static envsamp_result envsamp__source_row(envsamp__source *source, int y, float *luminance)
 {
     const envsamp_image *image = &source->image;
-    const float *row = source->row;
+    const float *row = source->fn ? source->row : envsamp__pixel_at(image, 0, y);
+    envsamp_result result = source->fn ? source->fn(y, source->row, source->user) : ENVSAMP_OK;
     int x;
 
-    if (source->fn) {
-        envsamp_result result = source->fn(y, source->row, source->user);
-
-        if (result != ENVSAMP_OK)
-            return result;
-    } else {
-        row = envsamp__pixel_at(image, 0, y);
-    }
+    if (result != ENVSAMP_OK)
+        return result;
     source->bad_pixel_count += envsamp__luminance_row(image, row, luminance);
     for (x = 0; x < image->width && source->dim > 0.0f; x++)
         luminance[x] = luminance[x] > source->dim ? luminance[x] - source->dim : 0.0f;
     return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
-/* Ends the line of knots through a row of texels, which stand at line[1] and on. */
+/* The first and last knot of the line through row y, whose other knots are its texels, at line[1]
+   and on. They lie on the seam, or, on an octahedral map, between a texel and that of the mirrored
+   row. */
 static void envsamp__end_line(const envsamp__source *source, int y, float *line)
 {
-    int width = source->image.width, across = source->image.height - 1 - y, fold;
+    int width = source->image.width, mirrored = source->image.height - 1 - y;
+    int fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
+    float before = fold ? source->side[0][mirrored] : line[width];
+    float after = fold ? source->side[1][mirrored] : line[1];
 
-    fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
-    line[0] = envsamp__half(line[1])
-            + envsamp__half(fold ? source->side[0][across] : line[width]);
-    line[width + 1] = envsamp__half(line[width])
-                    + envsamp__half(fold ? source->side[1][across] : line[1]);
+    line[0] = envsamp__half(line[1]) + envsamp__half(before);
+    line[width + 1] = envsamp__half(line[width]) + envsamp__half(after);
 }
 
-/* The line of knots at the upper or lower border, next to the line through row y. */
+/* The line of knots at the upper or lower border, next to the line `inner` through row y. The four
+   corners of an octahedral map are one point. */
 static void envsamp__border_line(const envsamp__source *source, int y, int outside,
                                  const float *inner, float *line)
 {
     const envsamp_image *image = &source->image;
-    int width = image->width, across = image->height - 1 - y, x;
+    int width = image->width, mirrored = image->height - 1 - y, x;
+    float corner;
 
     for (x = 0; x < width; x++) {
         int wrapped_x = x, wrapped_y = outside;     /* is row y again */
@@ -1569,12 +1540,9 @@ static void envsamp__border_line(const envsamp__source *source, int y, int outsi
         envsamp__wrap_texel(image->mapping, width, image->height, &wrapped_x, &wrapped_y);
         line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
     }
-    if (image->mapping == ENVSAMP_OCTAHEDRAL)       /* all four corners are one point */
-        line[0] = line[width + 1] = envsamp__half(line[1])
-                                  + envsamp__half(envsamp__half(source->side[0][across]))
-                                  + envsamp__half(envsamp__half(source->side[1][across]));
-    else
-        line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(line[width]);
+    corner = image->mapping != ENVSAMP_OCTAHEDRAL ? line[width]
+           : envsamp__half(source->side[0][mirrored]) + envsamp__half(source->side[1][mirrored]);
+    line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(corner);
 }
 
 /* ============================================================================================
@@ -6533,40 +6501,38 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 /* ============================================================================================
  * HALFTONE                                                                 [search: @halftone]
  *
- * Error diffusion: importance is added up along a path over the map, a texel is chosen where the
- * sum passes half of S/M, and S/M is taken off it: what is left is the error.
+ * Error diffusion [9]: importance is summed along a path over the map. Where the sum passes half
+ * of S/M, the texel there is chosen and S/M is taken off the sum: what is left is the error.
  *
- *       +-----------+-----------+-----------+    CELLS: they hold half a sample on average. Rows
- *       | 1 4 5 8 ->| 1 4 5 8 ->| 1 4 5 8   |    of them are walked to and fro, a cell column by
+ *       +-----------+-----------+-----------+    CELLS: a cell holds half a sample on average. Rows
+ *       | 1 4 5 8 ->| 1 4 5 8 ->| 1 4 5 8   |    of cells are walked to and fro, a cell column by
  *       | 2 3 6 7   | 2 3 6 7   | 2 3 6 7 | |    column, down and up, in every second row of cells
- *       +-----------+-----------+---------|-+    up and down; one that is worth n >= 2 samples in
+ *       +-----------+-----------+---------|-+    up and down. A cell of n >= 2 samples is walked in
  *       |   7 6 3 2 |   7 6 3 2 |   7 6 3 v |    2 floor(sqrt(n / 2)) + 1 bands, each as a low cell
  *       |   8 5 4 1 |<- 8 5 4 1 |<- 8 5 4 1 |    of that row. All of the error goes on along the
  *       +-----------+-----------+-----------+    path.
  *
- * TEXELS: a cell is one texel, after which a kernel splits its error between the next ones and
- * those below. Nothing is lost at the border: shares outside of the map go to those within.
+ * TEXELS: a cell is one texel. A kernel splits its error between the next texels and those below;
+ * shares outside of the map go to those inside, so nothing is lost.
  *
- * So the errors that are left in the end sum to what the samples miss of S, and M come out by
- * themselves, but for rounding and for texels that are brighter than S/M or black. Where as many
- * samples are missing as lit texels are left, all of these are chosen; after M, none.
+ * The errors at the end sum to what the samples miss of S, so M samples come out by themselves, but
+ * for rounding and for texels that are black or brighter than S/M. With `once`, all lit texels are
+ * chosen that are left when as many samples are missing. After M samples none is chosen.
  *
- * A kernel of a few texels cannot spread a handful of samples over thousands: until a column has
- * gathered half a sample none is chosen, then a dozen are in one row. And an error from above may
- * choose a texel that is hardly worth anything: divided by its probability, such a sample is a
- * firefly. [9] recommends to shift weight ahead where samples are few, "in the extreme case" all of
- * it. Along rows of cells that makes compact regions of equal light, and with a random start every
- * texel is chosen as often as it is worth. bench/experiments.md has other paths, cells and shares.
- *
- * The sums of all columns of some cells come first; only where one takes the sum over the
- * threshold are its texels looked at.
+ * A kernel of a few texels cannot spread a handful of samples over thousands: no column chooses
+ * before it has gathered half a sample, then a dozen choose in one row. And an error from above may
+ * choose a texel of hardly any importance: divided by its probability, that sample is a firefly.
+ * [9] recommends to shift weight ahead where samples are few, "in the extreme case" all of it.
+ * Along rows of cells that makes compact regions of equal light, and with a random start the
+ * expected count of every texel is in proportion to its importance (other paths, cells and shares:
+ * bench/experiments.md). The columns of a row of cells are summed first, so that texels are read
+ * only where the sum of a column crosses the threshold.
  * ========================================================================================== */
 
-#define ENVSAMP__CELLS_PER_SAMPLE 2.0
 #define ENVSAMP__TAPS 12
 
-/* Where a kernel sends an error: so many texels on in the direction of the scan, in the same row or
-   one or two below. */
+/* Where a kernel sends `parts` of an error: `across` texels on in the direction of the scan, and
+   `below` rows below. */
 typedef struct envsamp__tap { signed char across, below, parts; } envsamp__tap;
 
 typedef struct envsamp__halftone {
@@ -6574,29 +6540,26 @@ typedef struct envsamp__halftone {
     const envsamp_halftone_desc *desc;
     envsamp_texel *texels;
     int wanted, chosen, once;
-    int64_t lit;                /* texels above zero that are still to come; with `once` */
+    int64_t lit;                /* with `once`: texels above zero that are still to come */
     double total;               /* S */
     double error;               /* importance that was passed and not yet chosen */
     double threshold, quantum;  /* choose where error is above the one, and take off the other */
     double gap_unit;            /* RANDOM: importance by a unit of spacing */
     int across, down;           /* cells */
-    int cell, strip, step;      /* where the scan is, and its direction */
+    int cell, strip, step;      /* where the scan is in which row of cells, and its direction */
     int x0, x1, y0, y1;         /* texels of the cell */
     double mass;                /* of the cell */
     double *sum;                /* importance of every column of the strip, */
     int *lit_count;             /* and how many of its texels are above zero */
-    double ahead;               /* error that waits for the texel after the next */
     double *row[3];             /* errors that wait for texels of this row and the next two */
-    int rows;                   /* of these, by the kernel; 0: CELLS */
+    int rows;                   /* of these, by the kernel; 0: all of an error goes ahead */
     envsamp__tap tap[ENVSAMP__TAPS];
     double share[ENVSAMP__TAPS];
     int tap_count;
 } envsamp__halftone;
 
-/* ---- random numbers ---- */
-
-/* Entry `number` of a sequence, in (0, 1): a bijection of 32 bits twice, which flips about half
-   of them for each that changes. */
+/* Entry `number` of a sequence of random numbers in (0, 1): a bijection of 32 bits twice, which
+   flips about half of them for each that changes. */
 static double envsamp__random(uint32_t seed, uint32_t number)
 {
     uint32_t x = seed;
@@ -6614,25 +6577,30 @@ static double envsamp__random(uint32_t seed, uint32_t number)
 }
 
 /* Distance from one of many independent draws to the next, but for a factor. */
-static double envsamp__spacing(uint32_t seed, uint32_t number)
+static double envsamp__spacing(uint32_t seed, int number)
 {
-    return -envsamp__log2(envsamp__random(seed, number));
+    return -envsamp__log2(envsamp__random(seed, (uint32_t)number));
 }
 
-/* ---- the map ---- */
+/* ---- importance ---- */
+
+static double envsamp__importance(const envsamp__pixels *map, int x, int y)
+{
+    double rgb[3], value = envsamp__texel_value(map->image, x, y, rgb);
+
+    return map->row_sr ? value * map->row_sr[y] : value;
+}
 
 static void envsamp__count_lit(const float *value, int count, int *lit)
 {
     int i;
 
-    for (; count >= ENVSAMP__LANES; count -= ENVSAMP__LANES) {
-        for (i = 0; i < ENVSAMP__LANES; i++)
+    if (count == ENVSAMP__CHUNK)
+        for (i = 0; i < ENVSAMP__CHUNK; i++)
             lit[i] += value[i] > 0.0f;
-        value += ENVSAMP__LANES;
-        lit += ENVSAMP__LANES;
-    }
-    for (i = 0; i < count; i++)
-        lit[i] += value[i] > 0.0f;
+    else
+        for (i = 0; i < count; i++)
+            lit[i] += value[i] > 0.0f;
 }
 
 /* Sums of columns between two rows; returns how many pixels are bad. */
@@ -6653,17 +6621,10 @@ static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
 
             envsamp__add_floats(value, count, h->map->row_sr ? h->map->row_sr[y] : 1.0,
                                 h->sum + x);
-            if (h->once)
+            if (h->desc->once)
                 envsamp__count_lit(value, count, h->lit_count + x);
         }
     return bad;
-}
-
-static double envsamp__importance(const envsamp__pixels *map, int x, int y)
-{
-    double rgb[3], value = envsamp__texel_value(map->image, x, y, rgb);
-
-    return map->row_sr ? value * map->row_sr[y] : value;
 }
 
 /* ---- choosing ---- */
@@ -6677,8 +6638,7 @@ static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value
     texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
     h->error -= h->quantum;
     if (h->gap_unit > 0.0)
-        h->quantum = h->threshold = h->gap_unit
-                                  * envsamp__spacing(h->desc->seed, (uint32_t)h->chosen);
+        h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc->seed, h->chosen);
 }
 
 /* Whether so many lit texels are too few for the samples that are missing. */
@@ -6702,8 +6662,8 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
     }
 }
 
-/* A row of the cell's columns, the step-th way, all of their height or a part of it. In turns, rows
-   of cells begin downwards and upwards: else those of an even map may all be low in their cells. */
+/* Columns of the cell between two rows, in the direction of `step`. Every second row of cells
+   begins upwards: else the texels chosen of an even map may all be low in their cells. */
 static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
 {
     int width = h->x1 - h->x0, i, y;
@@ -6715,29 +6675,28 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
             || envsamp__is_short(h, h->lit - h->lit_count[x])) {
             for (y = y0; y < y1; y++)
                 envsamp__walk_texel(h, x, (i + h->strip) & 1 ? y0 + y1 - 1 - y : y);
-        } else {                /* a whole column of which none is to be chosen */
+        } else {                /* a whole column of which none is chosen */
             h->error += h->sum[x];
             h->lit -= h->lit_count[x];
         }
     }
 }
 
-/* Where a part begins, if `count` of them share `length` texels out. */
+/* Where part `part` of `count` begins, which share `length` texels out. */
 static int envsamp__part_edge(int part, int count, int length)
 {
-    return part == 0 ? 0 : part == count ? length : (int)((int64_t)part * length / count);
+    return (int)((int64_t)part * length / count);
 }
 
-/* Bands keep samples from standing in lines where they are dense. Their number is odd, so that the
-   way out of a cell is that of the scan. RANDOM has no use for them. */
+/* Bands keep dense samples from standing in lines. Their number is odd, so that the last one ends
+   where the next cell begins. RANDOM does not need them. */
 static void envsamp__walk_cell(envsamp__halftone *h)
 {
     int height = h->y1 - h->y0, bands = 1, i;
 
     if (h->mass >= 2.0 * h->quantum && !(h->gap_unit > 0.0)) {
-        double pairs = ENVSAMP_SQRT(0.5 * h->mass / h->quantum);
-
-        bands = 2 * (int)(pairs < (double)height ? pairs : (double)height) + 1;
+        bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * h->mass / h->quantum),
+                                             (double)height) + 1;
         bands = envsamp__min(bands, height - !(height & 1));
     }
     for (i = 0; i < bands; i++)
@@ -6748,7 +6707,7 @@ static void envsamp__walk_cell(envsamp__halftone *h)
 
 /* ---- diffusing ---- */
 
-/* The shares of [13]: between some levels of 0..255, which his table gives, the three change
+/* The shares of [13]: his table gives them for some levels of 0..255, between which they change
    evenly. Above the middle they are those of 255 less the level. */
 static void envsamp__ostromoukhov_shares(double level, double share[3])
 {
@@ -6773,7 +6732,7 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
                      + t * (double)b[k] / (double)(b[1] + b[2] + b[3]);
 }
 
-/* Taps and shares, with TEXELS. */
+/* Taps and shares: with CELLS and for RANDOM there are none. */
 static void envsamp__set_kernel(envsamp__halftone *h)
 {
     static const envsamp__tap taps[][ENVSAMP__TAPS] = {
@@ -6791,59 +6750,54 @@ static void envsamp__set_kernel(envsamp__halftone *h)
     int i;
 
     if (h->desc->scan == ENVSAMP_SCAN_CELLS || h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        return;                 /* all of an error goes ahead, round the ends of rows too */
-    for (i = 0; i < ENVSAMP__TAPS && taps[h->desc->kernel][i].parts; i++)
-        parts += (double)taps[h->desc->kernel][i].parts;
-    h->tap_count = i;
-    for (i = 0; i < h->tap_count; i++) {
+        return;
+    for (i = 0; i < ENVSAMP__TAPS && taps[h->desc->kernel][i].parts; i++) {
         h->tap[i] = taps[h->desc->kernel][i];
-        h->share[i] = (double)h->tap[i].parts / parts;
+        parts += (double)h->tap[i].parts;
     }
-    h->rows = 1 + h->tap[h->tap_count - 1].below;
+    h->tap_count = i;
+    h->rows = 1 + h->tap[i - 1].below;
+    while (i-- > 0)
+        h->share[i] = (double)h->tap[i].parts / parts;
 }
 
 /* Sends the error of a texel on. Shares that would leave the map go to the others. */
 static void envsamp__diffuse(envsamp__halftone *h)
 {
-    int inside[ENVSAMP__TAPS], i;
-    double sum = 0.0, scale, next = h->ahead;
+    double *to[ENVSAMP__TAPS], sum = 0.0, scale;
+    int i;
 
     if (h->desc->kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
         envsamp__ostromoukhov_shares(h->mass / h->quantum, h->share);
     for (i = 0; i < h->tap_count; i++) {
-        int to = h->cell + h->step * h->tap[i].across;
+        int x = h->cell + h->step * h->tap[i].across, inside;
 
-        inside[i] = to >= 0 && to < h->across && h->strip + h->tap[i].below < h->down;
-        sum += inside[i] ? h->share[i] : 0.0;
+        inside = x >= 0 && x < h->across && h->strip + h->tap[i].below < h->down;
+        to[i] = inside ? &h->row[h->tap[i].below][x] : NULL;
+        sum += inside ? h->share[i] : 0.0;
     }
     scale = sum > 0.0 ? h->error / sum : 0.0;       /* after the last one nothing is left to do */
-    h->ahead = 0.0;
-    for (i = 0; i < h->tap_count; i++) {
-        double part = inside[i] ? scale * h->share[i] : 0.0;
-
-        if (h->tap[i].below && inside[i])
-            h->row[h->tap[i].below][h->cell + h->step * h->tap[i].across] += part;
-        else if (h->tap[i].across == 1)
-            next += part;
-        else
-            h->ahead += part;
-    }
-    h->error = next;
+    for (i = 0; i < h->tap_count; i++)
+        if (to[i])
+            *to[i] += scale * h->share[i];
+    h->error = 0.0;
 }
+
+/* ---- the scan ---- */
 
 /* A row of cells in the direction of the scan. */
 static void envsamp__walk_strip(envsamp__halftone *h)
 {
-    int width = h->map->image->width, forward = h->step > 0, edge, x, i;
+    const envsamp_image *image = h->map->image;
+    int i, x;
 
-    h->y0 = envsamp__part_edge(h->strip, h->down, h->map->image->height);
-    h->y1 = envsamp__part_edge(h->strip + 1, h->down, h->map->image->height);
+    h->y0 = envsamp__part_edge(h->strip, h->down, image->height);
+    h->y1 = envsamp__part_edge(h->strip + 1, h->down, image->height);
     envsamp__sum_columns(h, h->y0, h->y1);
-    for (i = 0, edge = forward ? 0 : width; i < h->across; i++) {
-        h->cell = forward ? i : h->across - 1 - i;
-        h->x0 = forward ? edge : envsamp__part_edge(h->cell, h->across, width);
-        h->x1 = forward ? envsamp__part_edge(h->cell + 1, h->across, width) : edge;
-        edge = forward ? h->x1 : h->x0;
+    for (i = 0; i < h->across; i++) {
+        h->cell = h->step > 0 ? i : h->across - 1 - i;
+        h->x0 = envsamp__part_edge(h->cell, h->across, image->width);
+        h->x1 = envsamp__part_edge(h->cell + 1, h->across, image->width);
         h->error += h->rows ? h->row[0][h->cell] : 0.0;
         for (h->mass = 0.0, x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
@@ -6853,90 +6807,64 @@ static void envsamp__walk_strip(envsamp__halftone *h)
     }
 }
 
-/* ---- the scan ---- */
-
-/* Cells across and down: with CELLS about square in texels. RANDOM has one a strip. */
-static void envsamp__lay_cells(envsamp__halftone *h, int width, int height)
-{
-    double side = ENVSAMP_SQRT((double)width * (double)height
-                               / (ENVSAMP__CELLS_PER_SAMPLE * (double)h->desc->count));
-
-    side = h->desc->scan == ENVSAMP_SCAN_TEXELS ? 1.0 : envsamp__max(side, 1.0);
-    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        side = 16.0;
-    h->across = envsamp__max_int((int)((double)width / side), 1);
-    h->down = envsamp__max_int((int)((double)height / side), 1);
-    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        h->across = 1;
-}
-
+/* Lays cells out, which with CELLS are about square in texels. RANDOM has one a strip. */
 static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone_desc *desc,
-                                    int width, int height, envsamp__arena *arena)
+                                    const envsamp__pixels *map, envsamp__arena *arena)
 {
-    int i;
+    double width = (double)map->image->width, height = (double)map->image->height;
+    double side = ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count));
+    int random = desc->kernel == ENVSAMP_KERNEL_RANDOM, i;
 
     ENVSAMP_MEMSET(h, 0, sizeof *h);
+    h->map = map;
     h->desc = desc;
-    h->once = desc->once && desc->kernel != ENVSAMP_KERNEL_RANDOM;
+    h->once = desc->once && !random;
     envsamp__set_kernel(h);
-    envsamp__lay_cells(h, width, height);
+    side = desc->scan == ENVSAMP_SCAN_TEXELS ? 1.0 : envsamp__max(side, 1.0);
+    side = random ? 16.0 : side;
+    h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
+    h->down = envsamp__max_int((int)(height / side), 1);
     for (i = 0; i < h->rows; i++)
         h->row[i] = ENVSAMP__TAKE(double, arena, h->across);
-    h->sum = ENVSAMP__TAKE(double, arena, width);
-    h->lit_count = ENVSAMP__TAKE(int, arena, width);
+    h->sum = ENVSAMP__TAKE(double, arena, map->image->width);
+    h->lit_count = ENVSAMP__TAKE(int, arena, map->image->width);
 }
 
-/* Where the scan chooses first. RANDOM: its draws, in their order, are as the sums of exponential
-   spacings over the sum of one more [14]. */
-static void envsamp__set_pace(envsamp__halftone *h)
+/* Sets the error at the start and what is taken off it. RANDOM: its draws, in their order, are as
+   the sums of exponential spacings over the sum of one more [14]. */
+static void envsamp__set_start(envsamp__halftone *h)
 {
     uint32_t seed = h->desc->seed;
     double spacings = 0.0;
     int i;
 
+    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM) {
+        for (i = 0; i <= h->wanted; i++)
+            spacings += envsamp__spacing(seed, i);
+        h->gap_unit = h->total / spacings;
+        h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
+        return;
+    }
     h->quantum = h->total / (double)h->wanted;
     h->threshold = 0.5 * h->quantum;
     h->error = seed ? (envsamp__random(seed, 0) - 0.5) * h->quantum : 0.0;
-    if (h->desc->kernel != ENVSAMP_KERNEL_RANDOM)
-        return;
-    for (i = 0; i <= h->wanted; i++)
-        spacings += envsamp__spacing(seed, (uint32_t)i);
-    h->error = 0.0;
-    h->gap_unit = h->total / spacings;
-    h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
+    for (i = 0; i < h->rows; i++)
+        ENVSAMP_MEMSET(h->row[i], 0, (size_t)h->across * sizeof(double));
 }
 
-/* Without `once`, error that ends up in black cells leaves samples out, and rounding may leave all
-   of them, in a map of denormals. */
-static void envsamp__take_rest(envsamp__halftone *h)
+/* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero.
+   Without, error that ends in black cells leaves some out, and rounding, in a map of denormals,
+   may leave all out: then the last texel chosen, or the first lit one of the last row, repeats. */
+static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
+                                   envsamp_texel *texels)
 {
-    int x, y;
+    int i, x, y;
 
-    for (y = h->map->image->height - 1; y >= 0 && h->chosen == 0; y--)
-        for (x = 0; x < h->map->image->width && h->chosen == 0; x++) {
-            double value = envsamp__importance(h->map, x, y);
-
-            if (value > 0.0)
-                envsamp__take_texel(h, x, y, value);
-        }
-    for (; h->chosen < h->wanted; h->chosen++)
-        h->texels[h->chosen] = h->texels[h->chosen - 1];
-}
-
-/* Chooses `wanted` texels of a map with this total, of which `lit` are above zero. */
-static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__pixels *map, double total,
-                                   int64_t lit, int wanted, envsamp_texel *texels)
-{
-    int i;
-
-    h->map = map;
     h->texels = texels;
     h->total = total;
     h->lit = lit;
     h->wanted = wanted;
-    envsamp__set_pace(h);
-    for (i = 0; i < h->rows; i++)
-        ENVSAMP_MEMSET(h->row[i], 0, (size_t)h->across * sizeof(double));
+    envsamp__set_start(h);
     for (h->strip = 0; h->strip < h->down && h->chosen < wanted; h->strip++) {
         double *done = h->row[0];
 
@@ -6949,69 +6877,33 @@ static void envsamp__halftone_scan(envsamp__halftone *h, const envsamp__pixels *
             h->row[i] = done;
         }
     }
-    envsamp__take_rest(h);
+    h->threshold = -DBL_MAX;
+    for (y = h->map->image->height - 1; y >= 0 && h->chosen == 0; y--)
+        for (x = 0; x < h->map->image->width && h->chosen == 0; x++)
+            envsamp__walk_texel(h, x, y);
+    for (; h->chosen < wanted; h->chosen++)
+        texels[h->chosen] = texels[h->chosen - 1];
 }
 
 /* ---- an importance map ---- */
-
-/* Sum of a map, and, with `once`, how many of its texels are above zero. */
-static envsamp_result envsamp__importance_total(envsamp__halftone *h, double *total, int64_t *lit)
-{
-    int x;
-
-    if (envsamp__sum_columns(h, 0, h->map->image->height))
-        return ENVSAMP_ERR_VALUE;
-    *total = 0.0;
-    *lit = 0;
-    for (x = 0; x < h->map->image->width; x++) {
-        *total += h->sum[x];
-        *lit += h->lit_count[x];
-    }
-    return *total > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
-}
 
 ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   const envsamp_halftone_desc *desc,
                                                   envsamp_sizes *sizes)
 {
+    const envsamp_image image = { NULL, width, height, 1, 0, ENVSAMP_LATLONG };
+    const envsamp__pixels map = { &image, NULL };
+    envsamp_result result = envsamp__begin_sizes(desc ? &image : NULL, sizes);
     envsamp__arena arena = { NULL, 0 };
     envsamp__halftone h;
 
-    if (!sizes)
-        return ENVSAMP_ERR_NULL;
-    sizes->table_bytes = sizes->scratch_bytes = 0;
-    if (!desc)
-        return ENVSAMP_ERR_NULL;
-    if (width < 1 || width > 65535 || height < 1 || height > 65535)
-        return ENVSAMP_ERR_SIZE;
+    if (result != ENVSAMP_OK)
+        return result;
     if (desc->count < 1 || (uint32_t)desc->kernel > ENVSAMP_KERNEL_RANDOM
         || (uint32_t)desc->scan > ENVSAMP_SCAN_TEXELS)
         return ENVSAMP_ERR_PARAM;
-    envsamp__halftone_carve(&h, desc, width, height, &arena);
+    envsamp__halftone_carve(&h, desc, &map, &arena);
     return envsamp__set_sizes(sizes, 0, arena.used);
-}
-
-/* What is wrong with the arguments of a call. */
-static envsamp_result envsamp__halftone_check(const envsamp_image *image,
-                                              const envsamp_halftone_desc *desc,
-                                              const envsamp_texel *texels, int capacity,
-                                              envsamp_buffer scratch)
-{
-    envsamp_sizes sizes;
-    envsamp_result result;
-
-    if (!image->pixels || !texels)
-        return ENVSAMP_ERR_NULL;
-    result = envsamp_halftone_sizes(image->width, image->height, desc, &sizes);
-    if (result != ENVSAMP_OK)
-        return result;
-    if (image->row_stride_bytes / sizeof(float) < (size_t)image->width
-        || image->row_stride_bytes > SIZE_MAX / (size_t)image->height)
-        return ENVSAMP_ERR_SIZE;
-    if (image->row_stride_bytes % sizeof(float) || (uintptr_t)image->pixels % sizeof(float))
-        return ENVSAMP_ERR_ALIGN;
-    return capacity < desc->count ? ENVSAMP_ERR_MEMORY
-                                  : envsamp__buffers_check(&sizes, scratch, scratch);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, int height,
@@ -7020,33 +6912,41 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
                                             envsamp_texel *texels, int capacity, int *count,
                                             envsamp_buffer scratch)
 {
-    const envsamp_image image = { importance, width, height, 1,
-                                  row_stride_bytes ? row_stride_bytes
-                                                   : (size_t)width * sizeof(float),
-                                  ENVSAMP_LATLONG };
+    const envsamp_image image = { importance, width, height, 1, row_stride_bytes, ENVSAMP_LATLONG };
     const envsamp__pixels map = { &image, NULL };
-    envsamp__arena arena = { NULL, 0 };
+    envsamp__arena arena = { (char *)scratch.data, 0 };
     envsamp__halftone h;
+    envsamp_sizes sizes;
     envsamp_result result;
-    double total;
-    int64_t lit;
-    int wanted;
+    double total = 0.0;
+    int64_t lit = 0;
+    int x;
 
     if (!count)
         return ENVSAMP_ERR_NULL;
     *count = 0;
-    result = envsamp__halftone_check(&image, desc, texels, capacity, scratch);
+    result = importance && texels ? envsamp_halftone_sizes(width, height, desc, &sizes)
+                                  : ENVSAMP_ERR_NULL;
+    if (result == ENVSAMP_OK)
+        result = envsamp__image_check(&image);
+    if (result == ENVSAMP_OK)
+        result = envsamp__floats_check(importance);
+    if (result == ENVSAMP_OK)
+        result = capacity < desc->count ? ENVSAMP_ERR_MEMORY
+                                        : envsamp__buffers_check(&sizes, scratch, scratch);
     if (result != ENVSAMP_OK)
         return result;
-    arena.base = (char *)scratch.data;
-    envsamp__halftone_carve(&h, desc, width, height, &arena);
-    h.map = &map;
-    result = envsamp__importance_total(&h, &total, &lit);
-    if (result != ENVSAMP_OK)
-        return result;
-    wanted = !desc->once || lit > desc->count ? desc->count : (int)lit;
-    envsamp__halftone_scan(&h, &map, total, lit, wanted, texels);
-    *count = wanted;
+    envsamp__halftone_carve(&h, desc, &map, &arena);
+    if (envsamp__sum_columns(&h, 0, height))
+        return ENVSAMP_ERR_VALUE;
+    for (x = 0; x < width; x++) {
+        total += h.sum[x];
+        lit += h.lit_count[x];
+    }
+    if (!(total > 0.0))
+        return ENVSAMP_ERR_BLACK;
+    *count = desc->once && lit < desc->count ? (int)lit : desc->count;
+    envsamp__halftone_scan(&h, total, lit, *count, texels);
     return ENVSAMP_OK;
 }
 
@@ -7289,7 +7189,8 @@ typedef struct envsamp__cuts {
     envsamp_lights_method rule;
     envsamp__region *regions;       /* a heap by key */
     int count;
-    envsamp__patch *line;           /* 2 x ENVSAMP__PATCHES_MAX: sums of rows or columns */
+    double *sum;                    /* 5 x ENVSAMP__CHUNK: of columns of texels */
+    envsamp__patch *line;           /* 2 x ENVSAMP__PATCHES_MAX: of rows or columns of patches */
     double weight[3];               /* DECOMPOSED: of spread, extent and luminance in a key */
 } envsamp__cuts;
 
@@ -7317,6 +7218,7 @@ static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp__pixels *pixe
     p->polar = ENVSAMP__TAKE(double, arena, 2 * (image->height + p->down));
     cuts->rule = rule;
     cuts->regions = ENVSAMP__TAKE(envsamp__region, arena, most);
+    cuts->sum = ENVSAMP__TAKE(double, arena, 5 * ENVSAMP__CHUNK);
     cuts->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__PATCHES_MAX);
 }
 
@@ -7524,7 +7426,7 @@ static size_t envsamp__begin_cuts(envsamp__cuts *cuts)
     envsamp__patches *p = &cuts->patches;
     const envsamp_image *image = p->image;
     int width = image->width, height = image->height, channels = image->channels, x, y, k, c;
-    double sum[4 * ENVSAMP__CHUNK], sr[ENVSAMP__CHUNK], dir[3];
+    double *sum = cuts->sum, *sr = sum + 4 * ENVSAMP__CHUNK, dir[3];
     size_t bad = 0;
 
     ENVSAMP_MEMSET(p->at, 0, (size_t)(p->across * p->down) * sizeof *p->at);
@@ -8125,190 +8027,130 @@ typedef struct envsamp__emission {
     float *map;                 /* luminance of the texels, row after row */
     uint8_t *labels;            /* of them */
     double *bins;               /* solid angle by luminance */
-    float brightest;
-    int64_t lit;                /* texels above zero */
     double total, total_sr;     /* integral of luminance, and solid angle of the map */
+    float brightest;
     float threshold;            /* L_T */
     double luminance[2], sr[2]; /* of texels that are not emissive, and that are */
 } envsamp__emission;
 
-enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE };
+enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE };       /* labels */
 
 static void envsamp__emission_carve(envsamp__emission *e, const envsamp__pixels *pixels,
                                     envsamp__arena *arena)
 {
-    uint64_t texels = (uint64_t)pixels->image->width * (uint64_t)pixels->image->height;
-
     ENVSAMP_MEMSET(e, 0, sizeof *e);
     e->pixels = pixels;
-    e->map = ENVSAMP__TAKE(float, arena, texels);
+    e->map = ENVSAMP__TAKE(float, arena, (uint64_t)pixels->image->width
+                                         * (uint64_t)pixels->image->height);
     e->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
 }
 
-static float *envsamp__emission_row(const envsamp__emission *e, int y)
+/* Whether one of at most ENVSAMP__CHUNK texels is brighter than a threshold. */
+static int envsamp__any_above(const float *run, int count, float threshold)
 {
-    return e->map + (size_t)y * (size_t)e->pixels->image->width;
-}
+    int above = 0, i;
 
-/* Adds luminance of a row, counts texels above zero, and finds the brightest. In lanes, texel i of
-   ENVSAMP__LANES with the others of that number, for vectors. */
-static double envsamp__survey_luminance(envsamp__emission *e, const float *row)
-{
-    double sum[ENVSAMP__LANES], total = 0.0;
-    float most[ENVSAMP__LANES];
-    int32_t lit[ENVSAMP__LANES];
-    int width = e->pixels->image->width, x, i;
-
-    ENVSAMP_MEMSET(sum, 0, sizeof sum);
-    ENVSAMP_MEMSET(most, 0, sizeof most);
-    ENVSAMP_MEMSET(lit, 0, sizeof lit);
-    for (x = 0; x + ENVSAMP__LANES <= width; x += ENVSAMP__LANES)
-        for (i = 0; i < ENVSAMP__LANES; i++) {
-            sum[i] += (double)row[x + i];
-            lit[i] += row[x + i] > 0.0f;
-            most[i] = row[x + i] > most[i] ? row[x + i] : most[i];
-        }
-    for (; x < width; x++) {
-        sum[0] += (double)row[x];
-        lit[0] += row[x] > 0.0f;
-        most[0] = row[x] > most[0] ? row[x] : most[0];
-    }
-    for (i = 0; i < ENVSAMP__LANES; i++) {
-        total += sum[i];
-        e->lit += lit[i];
-        e->brightest = most[i] > e->brightest ? most[i] : e->brightest;
-    }
-    return total;
+    if (count == ENVSAMP__CHUNK)
+        for (i = 0; i < ENVSAMP__CHUNK; i++)
+            above |= run[i] > threshold;
+    else
+        for (i = 0; i < count; i++)
+            above |= run[i] > threshold;
+    return above;
 }
 
 /* Writes luminance, and finds its sum and maximum; returns how many pixels are bad. */
 static size_t envsamp__survey_emission(envsamp__emission *e)
 {
-    int width = e->pixels->image->width, y;
+    const envsamp_image *image = e->pixels->image;
+    double sum[ENVSAMP__CHUNK] = { 0.0 };
+    float *row = e->map;
     size_t bad = 0;
+    int x, y, i;
 
-    for (y = 0; y < e->pixels->image->height; y++) {
-        float *row = envsamp__emission_row(e, y);
+    for (y = 0; y < image->height; y++, row += image->width) {
+        bad += envsamp__luminance_row(image, envsamp__pixel_at(image, 0, y), row);
+        e->total_sr += (double)image->width * e->pixels->row_sr[y];
+        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
+            int above = envsamp__any_above(row + x, count, e->brightest);
 
-        bad += envsamp__luminance_row(e->pixels->image, envsamp__pixel_at(e->pixels->image, 0, y),
-                                      row);
-        e->total += envsamp__survey_luminance(e, row) * e->pixels->row_sr[y];
-        e->total_sr += (double)width * e->pixels->row_sr[y];
+            envsamp__add_floats(row + x, count, e->pixels->row_sr[y], sum);
+            for (i = x; i < x + count && above; i++)
+                e->brightest = row[i] > e->brightest ? row[i] : e->brightest;
+        }
     }
+    for (i = 0; i < ENVSAMP__CHUNK; i++)
+        e->total += sum[i];
     return bad;
 }
 
-/* Whether one of at most ENVSAMP__LANES texels is brighter than a threshold. */
-static int envsamp__any_above(const float *row, int count, float threshold)
-{
-    int above = 0, i;
-
-    if (count == ENVSAMP__LANES)
-        for (i = 0; i < ENVSAMP__LANES; i++)
-            above |= row[i] > threshold;
-    else
-        for (i = 0; i < count; i++)
-            above |= row[i] > threshold;
-    return above;
-}
-
-/* The bin in which a sum reaches a target; the sum becomes that of the bins before. */
-static uint32_t envsamp__find_bin(const double *bins, double target, double *sum)
-{
-    uint32_t i, last = 0;
-    double before = *sum;
-
-    for (i = 0; i < ENVSAMP__BINS && *sum < target; i++)
-        if (bins[i] > 0.0) {
-            last = i;
-            before = *sum;
-            *sum += bins[i];
-        }
-    *sum = before;
-    return last;
-}
-
-/* Solid angle of texels brighter than a threshold, by the upper half of their luminance's bits, or,
-   where that is `upper`, by the lower half. */
-static void envsamp__fill_bins(const envsamp__emission *e, float threshold, const uint32_t *upper)
-{
-    int width = e->pixels->image->width, x, y, i;
-
-    ENVSAMP_MEMSET(e->bins, 0, ENVSAMP__BINS * sizeof *e->bins);
-    for (y = 0; y < e->pixels->image->height; y++)
-        for (x = 0; x < width; x += ENVSAMP__LANES) {
-            const float *row = envsamp__emission_row(e, y) + x;
-            int count = envsamp__min(ENVSAMP__LANES, width - x);
-
-            if (!envsamp__any_above(row, count, threshold))
-                continue;
-            for (i = 0; i < count; i++) {
-                uint32_t bits = envsamp__float_bits(row[i]);
-
-                if (row[i] > threshold && !upper)
-                    e->bins[bits >> 16] += e->pixels->row_sr[y];
-                else if (row[i] > threshold && bits >> 16 == *upper)
-                    e->bins[bits & 0xffffu] += e->pixels->row_sr[y];
-            }
-        }
-}
-
-/* The luminance that `target` of solid angle does not exceed, where `sum` does not exceed the
-   threshold. */
-static float envsamp__percentile(const envsamp__emission *e, float threshold, double sum,
-                                 double target)
-{
-    uint32_t upper;
-
-    envsamp__fill_bins(e, threshold, NULL);
-    upper = envsamp__find_bin(e->bins, target, &sum);
-    envsamp__fill_bins(e, threshold, &upper);
-    return envsamp__bits_float(upper << 16 | envsamp__find_bin(e->bins, target, &sum));
-}
-
-/* Labels at most ENVSAMP__LANES texels; returns how many are brighter than a threshold, and adds
-   their luminance. */
-static int envsamp__label_texels(const float *row, int count, float threshold, uint8_t *label,
-                                 double *sum)
-{
-    int emissive = 0, i;
-
-    ENVSAMP_MEMSET(label, ENVSAMP__DIM, (size_t)count);
-    if (!envsamp__any_above(row, count, threshold))
-        return 0;
-    for (i = 0; i < count; i++)
-        if (row[i] > threshold) {
-            label[i] = ENVSAMP__EMISSIVE;
-            *sum += (double)row[i];
-            emissive++;
-        }
-    return emissive;
-}
-
-/* Labels the texels that are brighter than a threshold; sums what these and the others are
-   worth. */
+/* Labels the texels that are brighter than a threshold; sums light and solid angle of these and of
+   the others. Zero light of the others means that all of them are black. */
 static void envsamp__split_emission(envsamp__emission *e, float threshold)
 {
-    int width = e->pixels->image->width, x, y;
-    int64_t emissive = 0;
+    int width = e->pixels->image->width, lit = 0, x, y, i;
+    const float *run = e->map;
+    uint8_t *label = e->labels;
 
     e->threshold = threshold;
     e->luminance[1] = e->sr[1] = 0.0;
-    for (y = 0; y < e->pixels->image->height; y++) {
-        const float *row = envsamp__emission_row(e, y);
-        uint8_t *label = e->labels + (size_t)y * (size_t)width;
-        double sum = 0.0;
-        int count = 0;
+    for (y = 0; y < e->pixels->image->height; y++)
+        for (x = 0; x < width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, width - x);
+            int above = envsamp__any_above(run, count, threshold);
 
-        for (x = 0; x < width; x += ENVSAMP__LANES)
-            count += envsamp__label_texels(row + x, envsamp__min(ENVSAMP__LANES, width - x),
-                                           threshold, label + x, &sum);
-        e->luminance[1] += sum * e->pixels->row_sr[y];
-        e->sr[1] += (double)count * e->pixels->row_sr[y];
-        emissive += count;
-    }
-    e->luminance[0] = emissive < e->lit ? envsamp__max(e->total - e->luminance[1], DBL_MIN) : 0.0;
+            ENVSAMP_MEMSET(label, ENVSAMP__DIM, (size_t)count);
+            for (i = 0; i < count && above; i++)
+                if (run[i] > threshold) {
+                    label[i] = ENVSAMP__EMISSIVE;
+                    e->luminance[1] += e->pixels->row_sr[y] * (double)run[i];
+                    e->sr[1] += e->pixels->row_sr[y];
+                } else {
+                    lit |= run[i] > 0.0f;
+                }
+            lit = lit || (!above && envsamp__any_above(run, count, 0.0f));
+            run += count;
+            label += count;
+        }
+    e->luminance[0] = lit ? envsamp__max(e->total - e->luminance[1], DBL_MIN) : 0.0;
     e->sr[0] = envsamp__max(e->total_sr - e->sr[1], 0.0);
+}
+
+/* The luminance that `target` of solid angle does not exceed, which is above the threshold: by bins
+   of the upper half of its bits, then of the lower half. */
+static float envsamp__percentile(const envsamp__emission *e, double target)
+{
+    int width = e->pixels->image->width, pass, x, y, i;
+    double sum, before = e->sr[0];
+    uint32_t upper = 0, last = 0, bin;
+
+    for (pass = 0; pass < 2; pass++) {
+        const float *run = e->map;
+
+        upper = last;
+        ENVSAMP_MEMSET(e->bins, 0, ENVSAMP__BINS * sizeof *e->bins);
+        for (y = 0; y < e->pixels->image->height; y++)
+            for (x = 0; x < width; x += ENVSAMP__CHUNK) {
+                int count = envsamp__min(ENVSAMP__CHUNK, width - x);
+                int above = envsamp__any_above(run, count, e->threshold);
+
+                for (i = 0; i < count && above; i++) {
+                    uint32_t bits = envsamp__float_bits(run[i]);
+
+                    if (run[i] > e->threshold && (pass == 0 || bits >> 16 == upper))
+                        e->bins[pass == 0 ? bits >> 16 : bits & 0xffffu] += e->pixels->row_sr[y];
+                }
+                run += count;
+            }
+        for (bin = 0, last = 0, sum = before; bin < ENVSAMP__BINS && sum < target; bin++)
+            if (e->bins[bin] > 0.0) {
+                last = bin;
+                before = sum;
+                sum += e->bins[bin];
+            }
+    }
+    return envsamp__bits_float(upper << 16 | last);
 }
 
 /* Finds L_T, and labels texels that are brighter. L_b is sought only where it is the largest. */
@@ -8320,7 +8162,7 @@ static void envsamp__find_emission(envsamp__emission *e, const envsamp_lights_de
 
     envsamp__split_emission(e, envsamp__to_float(envsamp__max(limit, 0.0)));
     if (e->sr[0] < target)
-        envsamp__split_emission(e, envsamp__percentile(e, e->threshold, e->sr[0], target));
+        envsamp__split_emission(e, envsamp__percentile(e, target));
 }
 
 /* ---- EnvDirects ---- */
@@ -8535,8 +8377,7 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
         l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
                                                                         : ENVSAMP_KERNEL_SZIRMAY;
         l->halftone_desc.seed = desc->seed;
-        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, image->width, image->height,
-                                arena);
+        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, &l->pixels, arena);
     }
     if (desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
         envsamp__relaxation_carve(&l->relaxation, &l->pixels, desc->count, arena);
@@ -8744,7 +8585,7 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
     } else if (desc->method != ENVSAMP_LIGHTS_RELAXED
                || !envsamp__relax_lights(&l.relaxation, desc->refine_rounds, l.luminance,
                                          l.info.integral, lights)) {
-        envsamp__halftone_scan(&l.halftone, &l.pixels, l.luminance, 0, desc->count, l.texels);
+        envsamp__halftone_scan(&l.halftone, l.luminance, 0, desc->count, l.texels);
         envsamp__texel_lights(&l, lights);
     }
     envsamp__balance_lights(&l, lights);

@@ -77,9 +77,7 @@ static bench_options parse_options(int argc, char **argv)
 
 /* ---- the map ---- */
 
-/* Enlarges a map to the width asked for, if it is narrower. Its texels vary by 5 %, as no real
-   map is flat over a square of texels. */
-static int enlarge(image *map, int width)
+int input_enlarge(image *map, int width)
 {
     pcg32 random = pcg32_make(2, 2);
     image large;
@@ -128,7 +126,7 @@ static void make_map(bench_input *input)
         }
         if (input->map.width != 2 * input->map.height)
             input_fail(options->map_path, "not twice as wide as high");
-        if (!enlarge(&input->map, options->width))
+        if (!input_enlarge(&input->map, options->width))
             input_fail(options->map_path, "out of memory");
     }
 }
