@@ -7188,7 +7188,8 @@ typedef struct envsamp__cuts {
     envsamp_lights_method rule;
     envsamp__region *regions;       /* a heap by key */
     int count;
-    envsamp__patch *line;           /* 2 x ENVSAMP__PATCHES_MAX: sums of rows or columns */
+    double *sum;                    /* 5 x ENVSAMP__CHUNK: of columns of texels */
+    envsamp__patch *line;           /* 2 x ENVSAMP__PATCHES_MAX: of rows or columns of patches */
     double weight[3];               /* DECOMPOSED: of spread, extent and luminance in a key */
 } envsamp__cuts;
 
@@ -7216,6 +7217,7 @@ static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp__pixels *pixe
     p->polar = ENVSAMP__TAKE(double, arena, 2 * (image->height + p->down));
     cuts->rule = rule;
     cuts->regions = ENVSAMP__TAKE(envsamp__region, arena, most);
+    cuts->sum = ENVSAMP__TAKE(double, arena, 5 * ENVSAMP__CHUNK);
     cuts->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__PATCHES_MAX);
 }
 
@@ -7423,7 +7425,7 @@ static size_t envsamp__begin_cuts(envsamp__cuts *cuts)
     envsamp__patches *p = &cuts->patches;
     const envsamp_image *image = p->image;
     int width = image->width, height = image->height, channels = image->channels, x, y, k, c;
-    double sum[4 * ENVSAMP__CHUNK], sr[ENVSAMP__CHUNK], dir[3];
+    double *sum = cuts->sum, *sr = sum + 4 * ENVSAMP__CHUNK, dir[3];
     size_t bad = 0;
 
     ENVSAMP_MEMSET(p->at, 0, (size_t)(p->across * p->down) * sizeof *p->at);
@@ -8030,7 +8032,7 @@ typedef struct envsamp__emission {
     double luminance[2], sr[2]; /* of texels that are not emissive, and that are */
 } envsamp__emission;
 
-enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE };
+enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE };       /* labels */
 
 static void envsamp__emission_carve(envsamp__emission *e, const envsamp__pixels *pixels,
                                     envsamp__arena *arena)
