@@ -1269,44 +1269,45 @@ typedef struct envsamp__table {
     uint64_t bytes;
 } envsamp__table;
 
-/* Four FNV-1a sums, each of every fourth word, with a shift so that high bits reach low ones: their
-   multiplications overlap. */
-typedef struct envsamp__sums { uint32_t lane[4]; uint64_t at; } envsamp__sums;
+/* Four sums, each of every fourth 64-bit word: their multiplications overlap. A multiplication
+   spreads low bits to high ones, a shift brings these back. */
+#define ENVSAMP__SPREAD ((uint64_t)0x9e3779b97f4a7c15)
 
-/* Adds at most so many bytes of a table, a multiple of 16, to sums that begin as zeros. Returns 0
-   when all of it is in, and its checksum. */
+typedef struct envsamp__sums { uint64_t lane[4], at; } envsamp__sums;
+
+/* Adds at most so many bytes of a table, a multiple of 32, to sums that begin as zeros. Returns 0
+   when all of it is in, and its checksum. Zeros complete the last four words. */
 static int envsamp__sums_add(const void *table, uint64_t most, envsamp__sums *s, uint32_t *checksum)
 {
+    envsamp__sums sums = *s;
     envsamp__table head;
-    uint32_t word[4];
-    uint64_t end;
+    uint64_t word[4], sum = 0, end;
     int k;
 
     ENVSAMP_MEMCPY(&head, table, sizeof head);
-    if (s->at == 0) {
-        for (k = 0; k < 4; k++)
-            s->lane[k] = 2166136261u + (uint32_t)k;
-        s->lane[3] ^= head.mapping;
-        s->at = offsetof(envsamp__table, bytes);
+    if (sums.at == 0) {
+        sums.lane[0] = head.mapping;
+        sums.at = offsetof(envsamp__table, bytes);
     }
-    for (end = s->at + most; s->at < end && s->at < head.bytes; s->at += sizeof word) {
-        if (head.bytes - s->at >= sizeof word) {
-            ENVSAMP_MEMCPY(word, (const char *)table + s->at, sizeof word);
+    for (end = sums.at + most; sums.at < end && sums.at < head.bytes; sums.at += sizeof word) {
+        if (head.bytes - sums.at >= sizeof word) {
+            ENVSAMP_MEMCPY(word, (const char *)table + sums.at, sizeof word);
         } else {
             ENVSAMP_MEMSET(word, 0, sizeof word);
-            ENVSAMP_MEMCPY(word, (const char *)table + s->at, (size_t)(head.bytes - s->at));
+            ENVSAMP_MEMCPY(word, (const char *)table + sums.at, (size_t)(head.bytes - sums.at));
         }
         for (k = 0; k < 4; k++) {
-            s->lane[k] = (s->lane[k] ^ word[k]) * 16777619u;
-            s->lane[k] ^= s->lane[k] >> 15;
+            sums.lane[k] = (sums.lane[k] ^ word[k]) * ENVSAMP__SPREAD;
+            sums.lane[k] ^= sums.lane[k] >> 32;
         }
     }
-    *checksum = 2166136261u;
     for (k = 0; k < 4; k++) {
-        *checksum = (*checksum ^ s->lane[k]) * 16777619u;
-        *checksum ^= *checksum >> 15;
+        sum = (sum ^ sums.lane[k]) * ENVSAMP__SPREAD;
+        sum ^= sum >> 32;
     }
-    return s->at < head.bytes;
+    *checksum = (uint32_t)sum;
+    *s = sums;
+    return sums.at < head.bytes;
 }
 
 static uint32_t envsamp__checksum(const void *table)
@@ -5706,7 +5707,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  *                 begins; there are so many cells that no more than one edge lies within
  *     guide       height x 2^guide_bits x uint16: as row_guide, the texel, for each row
  *     edges       height x (width + WALK) x uint32: as row_edges, for each row. A black row has all
- *                 of itself in its last texel, and is not drawn.
+ *                 of itself in its first texel, and is not drawn.
  *
  * From the texel where its cell begins, a draw is compared with WALK edges at once [6]; a cell
  * holds two to four texels on average. Where that does not reach, as many dark texels beside a lamp
@@ -5799,9 +5800,9 @@ static void envsamp__cdf_carve(envsamp_cdf_job *job, const envsamp_image *image,
 
     envsamp__job_carve(&job->base, sizeof *job, image, bilinear, desc->mis_compensation,
                        bilinear ? 2 : 1, arena);
-    job->weight = ENVSAMP__TAKE(double, arena, width);
-    job->cell_square = ENVSAMP__TAKE(double, arena, width);
-    job->cell_max = ENVSAMP__TAKE(float, arena, width);
+    job->weight = ENVSAMP__TAKE(double, arena, width + ENVSAMP__CHUNK - 1);
+    job->cell_square = ENVSAMP__TAKE(double, arena, width + ENVSAMP__CHUNK - 1);
+    job->cell_max = ENVSAMP__TAKE(float, arena, width + ENVSAMP__CHUNK - 1);
     job->mass = ENVSAMP__TAKE(double, arena, height);
     job->square = ENVSAMP__TAKE(double, arena, height);
     job->peak = ENVSAMP__TAKE(double, arena, height);
@@ -5818,94 +5819,114 @@ static void envsamp__cdf_clear_gaps(envsamp_cdf *cdf)
         ENVSAMP_MEMSET((char *)cdf + ends[i] - ENVSAMP__GRANULE, 0, ENVSAMP__GRANULE);
 }
 
-/* Shares 2^24 parts out by weight: one for everything above zero, then the rest in proportion, the
-   running sum rounded down. Returns the sum of the weights; 0: the last has all parts. */
-static double envsamp__cdf_share(const double *weight, uint32_t count, uint32_t *edges)
+/* Shares 2^24 parts out by weights, of which `lit` are above zero: one for each of these, then the
+   rest in proportion to their total, the running sum rounded down; the last has what is left. And
+   the guide: the last index that begins where each of its cells begins, or before. */
+static void envsamp__cdf_share(const double *weight, uint32_t count, double total, uint32_t lit,
+                               uint32_t *edges, uint32_t bits, uint16_t *guide)
 {
-    double total = 0.0, sum = 0.0, scale;
-    uint32_t lit = 0, met = 0, i;
+    double scale = lit ? (double)(ENVSAMP__PARTS - lit) / total : 0.0, sum = 0.0;
+    uint32_t shift = 24 - bits, cells = 1u << bits, edge = 0, met = 0, cell, i;
 
+    ENVSAMP_MEMSET(guide, 0, cells * sizeof *guide);
     for (i = 0; i < count; i++) {
-        total += weight[i];
-        lit += weight[i] > 0.0;
-    }
-    scale = lit ? (double)(ENVSAMP__PARTS - lit) / total : 0.0;
-    edges[0] = 0;
-    for (i = 0; i < count; i++) {
+        edges[i] = edge;
+        cell = (edge + (1u << shift) - 1) >> shift;
+        if (cell < cells)
+            guide[cell] = (uint16_t)i;
         sum += weight[i];
         met += weight[i] > 0.0;
-        edges[i + 1] = met + (uint32_t)(int)(sum * scale);
+        edge = met == lit ? ENVSAMP__PARTS : met + (uint32_t)(int)(sum * scale);
     }
-    for (i = count + 1; i < count + ENVSAMP__WALK; i++)
+    for (i = count; i < count + ENVSAMP__WALK; i++)
         edges[i] = ENVSAMP__PARTS;
-    for (i = count; i > 0 && (i == count || !(weight[i] > 0.0)); i--)
-        edges[i] = ENVSAMP__PARTS;
-    return total;
+    for (cell = 1; cell < cells; cell++)
+        guide[cell] = guide[cell] < guide[cell - 1] ? guide[cell - 1] : guide[cell];
 }
 
-/* The index that is drawn where each cell begins. */
-static void envsamp__cdf_write_guide(const uint32_t *edges, uint32_t bits, uint16_t *guide)
-{
-    uint32_t cell, i = 0;
-
-    for (cell = 0; cell < 1u << bits; cell++) {
-        while (edges[i + 1] <= cell << (24 - bits))
-            i++;
-        guide[cell] = (uint16_t)i;
-    }
-}
-
-/* What the cells of a row are drawn in proportion to, and what they will cost. */
-static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y)
+/* What the cells of a row are drawn in proportion to, and what they will cost. Returns the sum of
+   the weights. Sums are kept apart by column of a chunk: loops that compilers vectorise. */
+static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
 {
     envsamp__map *map = &job->base.map;
     const envsamp__row_part *part = &map->rows[y];
     envsamp__rect all = envsamp__whole_map(map);
-    double sum = 0.0;
-    int x0, x;
+    double total[ENVSAMP__CHUNK] = { 0.0 }, sum[ENVSAMP__CHUNK] = { 0.0 };
+    double above[ENVSAMP__CHUNK] = { 0.0 };
+    envsamp__run *run = map->runs;
+    int x0, x, side;
 
     for (x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
         int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
-        double *weight = job->weight + x0, *square = job->cell_square + x0;
-        envsamp__run *run = map->runs;
+        double *weight = job->weight + x0;
 
         envsamp__row_run(map, map->knots, part, &all, x0, count, run);
-        for (x = 0; x < count; x++) {
+        for (x = count; x < ENVSAMP__CHUNK; x++)
+            run->sum[x] = run->square[x] = run->peak[x] = 0.0f;
+        for (x = 0; x < ENVSAMP__CHUNK; x++)
             weight[x] = map->bilinear ? envsamp__q(part->sr, run->square[x]) : run->sum[x];
-            square[x] = run->square[x];
-            sum += run->sum[x];
+        for (side = 0; side < 2 && map->bilinear; side++) {     /* cells that are half as wide */
+            x = side ? map->width - 1 - x0 : -x0;
+            if (x < 0 || x >= count)
+                continue;
+            weight[x] *= ENVSAMP_SQRT(0.5);
+            run->square[x] *= 0.5;
+            run->peak[x] *= 0.5f;
         }
-        ENVSAMP_MEMCPY(job->cell_max + x0, run->peak, (size_t)count * sizeof(float));
+        for (x = 0; x < ENVSAMP__CHUNK; x++) {
+            total[x] += weight[x];
+            sum[x] += run->sum[x];
+            above[x] += weight[x] > 0.0 ? 1.0 : 0.0;
+        }
+        for (x = 0; x < ENVSAMP__CHUNK; x++) {
+            job->cell_square[x0 + x] = run->square[x];
+            job->cell_max[x0 + x] = run->peak[x];
+        }
     }
-    for (x = 0; x < map->width && map->bilinear; x += map->width - 1) {    /* are half as wide */
-        job->weight[x] *= ENVSAMP_SQRT(0.5);
-        job->cell_square[x] *= 0.5;
-        job->cell_max[x] *= 0.5f;
+    for (x = 1; x < ENVSAMP__CHUNK; x++) {
+        total[0] += total[x];
+        sum[0] += sum[x];
+        above[0] += above[x];
     }
-    map->integral += sum;
+    map->integral += sum[0];
+    *lit = (uint32_t)above[0];
+    return total[0];
 }
 
 /* Row y of cells, whose knots are in memory. */
 static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
 {
     envsamp_cdf *cdf = (envsamp_cdf *)job->base.table;
-    uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY_OUT, cdf, y);
-    uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y);
-    double square = 0.0, peak = 0.0;
-    uint32_t x;
+    uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY_OUT, cdf, y), lit;
+    double square[ENVSAMP__CHUNK] = { 0.0 }, peak[ENVSAMP__CHUNK] = { 0.0 };
+    double inverse[ENVSAMP__CHUNK];
+    int width = (int)cdf->width, x0, x;
 
-    envsamp__cdf_weigh_row(job, y);
-    job->mass[y] = envsamp__cdf_share(job->weight, cdf->width, edges);
-    envsamp__cdf_write_guide(edges, cdf->guide_bits, guide);
-    for (x = 0; x < cdf->width; x++) {
-        uint32_t parts = edges[x + 1] - edges[x];
-        double inverse = parts ? 1.0 / (double)(int)parts : 0.0;
+    job->mass[y] = envsamp__cdf_weigh_row(job, y, &lit);
+    envsamp__cdf_share(job->weight, cdf->width, job->mass[y], lit, edges, cdf->guide_bits,
+                       ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y));
+    for (x0 = 0; x0 < width; x0 += ENVSAMP__CHUNK, edges += ENVSAMP__CHUNK) {
+        const double *cell_square = job->cell_square + x0;
+        const float *cell_max = job->cell_max + x0;
 
-        square += job->cell_square[x] * inverse;
-        peak = envsamp__max(peak, (double)job->cell_max[x] * inverse);
+        for (x = 0; x < ENVSAMP__CHUNK; x++) {  /* a cell without parts costs nothing */
+            uint32_t parts = x0 + x < width ? edges[x + 1] - edges[x] : 0;
+
+            inverse[x] = (double)(int)(parts + !parts);
+        }
+        for (x = 0; x < ENVSAMP__CHUNK; x++)
+            inverse[x] = 1.0 / inverse[x];
+        for (x = 0; x < ENVSAMP__CHUNK; x++)
+            square[x] += cell_square[x] * inverse[x];
+        for (x = 0; x < ENVSAMP__CHUNK; x++)
+            peak[x] = envsamp__max(peak[x], (double)cell_max[x] * inverse[x]);
     }
-    job->square[y] = square;
-    job->peak[y] = peak;
+    for (x = 1; x < ENVSAMP__CHUNK; x++) {
+        square[0] += square[x];
+        peak[0] = envsamp__max(peak[0], peak[x]);
+    }
+    job->square[y] = square[0];
+    job->peak[y] = peak[0];
 }
 
 /* Density of a part of a row with texels of `sr` each. It is the solid angle of the map, not that
@@ -5934,12 +5955,16 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     envsamp__cdf_row *rows = ENVSAMP__ARRAY_OUT(envsamp__cdf_row, cdf, rows);
     uint32_t *edges = ENVSAMP__ARRAY_OUT(uint32_t, cdf, row_edges);
     uint16_t *polar_guide = ENVSAMP__ARRAY_OUT(uint16_t, cdf, polar_guide);
-    double second = 0.0, peak = 0.0;
+    double second = 0.0, peak = 0.0, total = 0.0;
     int height = (int)cdf->height, y;
-    uint32_t cell, row;
+    uint32_t lit = 0, cell, row;
 
-    envsamp__cdf_share(job->mass, cdf->height, edges);
-    envsamp__cdf_write_guide(edges, cdf->row_bits, ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
+    for (y = 0; y < height; y++) {
+        total += job->mass[y];
+        lit += job->mass[y] > 0.0;
+    }
+    envsamp__cdf_share(job->mass, cdf->height, total, lit, edges, cdf->row_bits,
+                       ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
     for (y = 0; y <= height; y++) {
         envsamp__row edge = envsamp__edge_row(envsamp__edge_y(map, envsamp__y_edge(map, y)));
 

@@ -289,28 +289,28 @@ static uint32_t word_at(const unsigned char *table, size_t at)
     return word;
 }
 
-static uint32_t add_word(uint32_t sum, uint32_t word)
+static uint64_t add_word(uint64_t sum, uint64_t word)
 {
-    sum = (sum ^ word) * 16777619u;
-    return sum ^ sum >> 15;
+    sum = (sum ^ word) * (uint64_t)0x9e3779b97f4a7c15;
+    return sum ^ sum >> 32;
 }
 
-/* Four sums of FNV-1a over every fourth word after the mapping, with a shift so that high bits reach
-   low ones, and then one over the four. The last words count as if zeros made them four. */
+/* Four sums, each of every fourth 64-bit word after the mapping, and then one over the four. Zeros
+   complete the last four words. */
 static uint32_t checksum(const unsigned char *table, size_t bytes)
 {
-    uint32_t lane[4], sum = 2166136261u;
+    uint64_t lane[4] = { word_at(table, KD_AT(mapping)), 0, 0, 0 }, word, sum = 0;
     size_t at, k;
 
-    for (k = 0; k < 4; k++)
-        lane[k] = 2166136261u + (uint32_t)k;
-    lane[3] ^= word_at(table, KD_AT(mapping));
-    for (at = KD_AT(bytes); at + 4 <= bytes; at += 16)
-        for (k = 0; k < 4; k++)
-            lane[k] = add_word(lane[k], at + 4 * k + 4 <= bytes ? word_at(table, at + 4 * k) : 0);
+    for (at = KD_AT(bytes), k = 0; at < bytes || k; at += sizeof word, k = (k + 1) % 4) {
+        word = 0;
+        if (at < bytes)
+            memcpy(&word, table + at, bytes - at < sizeof word ? bytes - at : sizeof word);
+        lane[k] = add_word(lane[k], word);
+    }
     for (k = 0; k < 4; k++)
         sum = add_word(sum, lane[k]);
-    return sum;
+    return (uint32_t)sum;
 }
 
 /* The sum of as many bytes as the header claims, as far as there are that many. */
