@@ -2524,7 +2524,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
  * ========================================================================================== */
 
 #define ENVSAMP__SPLIT_CELLS ENVSAMP__TOP       /* others: bench/experiments.md */
-#define ENVSAMP__CUT_CELLS 1024     /* so many are read at level 0 where coarser cells are cut */
+#define ENVSAMP__CUT_CELLS 512      /* so many are read at level 0 where coarser cells are cut */
 #define ENVSAMP__FLAT 1e-12         /* relative: below it a block is flat */
 #define ENVSAMP__GAIN_FLOOR 0.15    /* of its bound: what the priority of a searched block does not
                                        fall below, since two cuts may gain what one cannot */
@@ -2907,28 +2907,29 @@ static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const env
     return sums.total;
 }
 
-/* The part in a rectangle of a cell of level k > 0 that its edges cut: exactly where
-   the cell holds more than `least`, otherwise as much of it as of its solid angle, which is rough
-   unless it is even. */
+/* The part in a rectangle of a cell of level k > 0 that its edges cut: as much of the cell as of its
+   solid angle, which is rough unless it is even, or exactly where that may be wrong by more than
+   `least`. */
 static envsamp__moments envsamp__cell_part(const envsamp__map *map, int k, int x, int y,
                                            double row_sr, const envsamp__rect *rect,
                                            const envsamp__moments *least, int *rough)
 {
-    double size = envsamp__cell_size(map, k), rms, whole;
+    const envsamp__level *level = &map->levels[k];
+    const envsamp__cell *cell = level->cells + (size_t)y * (size_t)level->width + x;
+    double size = envsamp__cell_size(map, k), whole = level->row_sr[y] * size;
+    double mean = (double)cell->mean, square = (double)cell->rms * (double)cell->rms;
+    double variance = whole * (square - mean * mean), sr;
     envsamp__rect r = { envsamp__max((double)x * size, rect->x0),
                         envsamp__max((double)y * size, rect->y0),
                         envsamp__min_double((double)(x + 1) * size, rect->x1),
                         envsamp__min_double((double)(y + 1) * size, rect->y1) };
-    const envsamp__cell *cell;
     envsamp__moments m;
 
-    cell = map->levels[k].cells + (size_t)y * (size_t)map->levels[k].width + x;
-    rms = (double)cell->rms;
-    whole = map->levels[k].row_sr[y] * size;
-    if (whole * (double)cell->mean > least->sum || whole * (rms * rms) > least->square)
+    if (variance > least->square || whole * variance > least->sum * least->sum)
         return envsamp__rect_moments(map, &r);
-    m.sum = row_sr * (r.x1 - r.x0) * (double)cell->mean;
-    m.square = row_sr * (r.x1 - r.x0) * (rms * rms);
+    sr = row_sr * (r.x1 - r.x0);
+    m.sum = sr * mean;
+    m.square = sr * square;
     m.peak = cell->peak;
     *rough |= cell->rms > cell->mean;
     return m;
@@ -3244,7 +3245,7 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
 
 #define ENVSAMP__BLOCKS_PER_TILE 3      /* 2 at least: the crown has as many cuts as tiles */
 #define ENVSAMP__MEDIAN_CELLS 512       /* read at once for a median */
-#define ENVSAMP__MEDIAN_SHARE (1.0 / 32)  /* of a part's light: what a cut cell of uniform light
+#define ENVSAMP__MEDIAN_SHARE (1.0 / 512)  /* of a part's light: what a cut cell of uniform light
                                                may hold */
 
 /* The level at which the cut of a part of the map is narrowed down next: of at most
