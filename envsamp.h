@@ -1273,13 +1273,13 @@ typedef struct envsamp__table {
    spreads low bits to high ones, a shift brings these back. */
 #define ENVSAMP__SPREAD ((uint64_t)0x9e3779b97f4a7c15)
 
-typedef struct envsamp__sums { uint64_t lane[4], at; } envsamp__sums;
+typedef struct envsamp__check { uint64_t lane[4], at; } envsamp__check;
 
 /* Adds at most so many bytes of a table, a multiple of 32, to sums that begin as zeros. Returns 0
    when all of it is in, and its checksum. Zeros complete the last four words. */
-static int envsamp__sums_add(const void *table, uint64_t most, envsamp__sums *s, uint32_t *checksum)
+static int envsamp__check_add(const void *table, uint64_t most, envsamp__check *s, uint32_t *checksum)
 {
-    envsamp__sums sums = *s;
+    envsamp__check sums = *s;
     envsamp__table head;
     uint64_t word[4], sum = 0, end;
     int k;
@@ -1312,10 +1312,10 @@ static int envsamp__sums_add(const void *table, uint64_t most, envsamp__sums *s,
 
 static uint32_t envsamp__checksum(const void *table)
 {
-    envsamp__sums sums = { { 0, 0, 0, 0 }, 0 };
+    envsamp__check sums = { { 0, 0, 0, 0 }, 0 };
     uint32_t checksum;
 
-    envsamp__sums_add(table, UINT64_MAX / 2, &sums, &checksum);
+    envsamp__check_add(table, UINT64_MAX / 2, &sums, &checksum);
     return checksum;
 }
 
@@ -1749,12 +1749,6 @@ typedef struct envsamp__level {
     int width, height, shift;
 } envsamp__level;
 
-/* Light, sum of squares and maximum of some cells of a row, solid angle included. */
-typedef struct envsamp__run {
-    double sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK];
-    float peak[ENVSAMP__CHUNK];
-} envsamp__run;
-
 typedef struct envsamp__map {
     envsamp_mapping mapping;
     int image_width, image_height;
@@ -1765,10 +1759,12 @@ typedef struct envsamp__map {
     size_t stride, knot_count;
     double *cap;                /* height + 1: polar angles of the row edges: see envsamp__polar */
     envsamp__row_part *rows;    /* height */
-    envsamp__run *runs;         /* two, for sums over cells */
     envsamp__level levels[ENVSAMP__LEVELS];
     int level_count;
     double integral;
+    float peak;                 /* maximum of what was read */
+    float scale;                /* of floats that are squared; unit is 1 / scale */
+    double unit;
 } envsamp__map;
 
 /* Where cells begin and end: those of the border are half as wide. */
@@ -2341,162 +2337,65 @@ static inline const float *envsamp__line(const envsamp__map *map, int y)
     return map->knots + (size_t)y * map->stride;
 }
 
-/* Eight cells one wide between lines of knots a and c. Along a line through the row, the mean over
-   its height, and the rise, are linear, so their squares add up as m0 m0 + m0 m1 + m1 m1. */
-static inline void envsamp__bilinear_cells(const float *a, const float *c,
-                                           const envsamp__row_part *part, double *sum,
-                                           double *square, float *peak)
+/* Means and variances, in units of map->unit, of cells of part of a row, and maxima. */
+typedef struct envsamp__run {
+    float mean[ENVSAMP__CHUNK], variance[ENVSAMP__CHUNK], peak[ENVSAMP__CHUNK];
+} envsamp__run;
+
+/* Makes `count` cells, without maxima unless `peaks` is nonzero. Knots above and below the row stand at `a` and `c`; of a map that is not bilinear
+   a[x] is cell x. Floats, so that four are worked on at once, and some cells too many, up to a
+   multiple of four. Along a line through the row, the mean over its height, and the rise, are
+   linear. */
+static inline void envsamp__cells(const envsamp__map *map, const float *a, const float *c,
+                                  const envsamp__row_part *part, int count, int peaks,
+                                  envsamp__run *run)
 {
-    double at = part->at, spread = part->spread, half = 0.5 * part->sr, third = part->sr / 3.0;
-    int x;
+    float m[ENVSAMP__CHUNK + 4], r[ENVSAMP__CHUNK + 4], high[ENVSAMP__CHUNK + 4];
+    float scale = map->scale, at = (float)part->at, spread = (float)part->spread;
+    float top = (float)part->top, end = (float)part->end;
+    int i, x;
 
-    for (x = 0; x < 8; x++) {
-        double a0 = (double)a[x], a1 = (double)a[x + 1];
-        double r0 = (double)c[x] - a0, r1 = (double)c[x + 1] - a1;
-        double m0 = a0 + at * r0, m1 = a1 + at * r1, m = m0 + m1, r = r0 + r1;
-
-        sum[x] = half * m;
-        square[x] = third * ((m * m - m0 * m1) + spread * (r * r - r0 * r1));
-    }
-    for (x = 0; x < 8; x++) {
-        float left = a[x] > c[x] ? a[x] : c[x];
-        float right = a[x + 1] > c[x + 1] ? a[x + 1] : c[x + 1];
-
-        peak[x] = left > right ? left : right;
-    }
-}
-
-static inline void envsamp__nearest_cells(const float *texel, double sr, double *sum,
-                                          double *square, float *peak)
-{
-    int x;
-
-    for (x = 0; x < 8; x++) {
-        double value = (double)texel[x];
-
-        sum[x] = sr * value;
-        square[x] = sum[x] * value;
-    }
-    for (x = 0; x < 8; x++)
-        peak[x] = texel[x];
-}
-
-/* Puts the part from x0 to x1 of cell x in place of a cell one wide. */
-static void envsamp__cut_cell(const envsamp__map *map, const float *line,
-                              const envsamp__row_part *part, int x, double x0, double x1,
-                              envsamp__run *run, int i)
-{
-    const float *a = line + x, *c = a + map->stride;
-    double edge = envsamp__x_edge(map, x), width = envsamp__x_edge(map, x + 1) - edge;
-    double s[2], mean[2], rise[2], sr = part->sr * (x1 - x0), peak = 0.0;
-    int k;
-
-    if (!map->bilinear) {
-        run->sum[i] *= x1 - x0;
-        run->square[i] *= x1 - x0;
-        return;
-    }
-    s[0] = (x0 - edge) / width;
-    s[1] = (x1 - edge) / width;
-    for (k = 0; k < 2; k++) {
-        double upper = (double)a[0] + s[k] * ((double)a[1] - (double)a[0]);
-        double lower = (double)c[0] + s[k] * ((double)c[1] - (double)c[0]);
-
-        rise[k] = lower - upper;
-        mean[k] = upper + part->at * rise[k];
-        peak = envsamp__max(peak, envsamp__max(upper + part->top * rise[k],
-                                               upper + part->end * rise[k]));
-    }
-    run->sum[i] = 0.5 * sr * (mean[0] + mean[1]);
-    run->square[i] = sr / 3.0 * (mean[0] * mean[0] + mean[0] * mean[1] + mean[1] * mean[1]
-                                 + part->spread * (rise[0] * rise[0] + rise[0] * rise[1]
-                                                   + rise[1] * rise[1]));
-    run->peak[i] = (float)peak;
-}
-
-/* The maxima of cells of which only a part of the height is meant. */
-static void envsamp__cut_max(const float *a, const float *c, const envsamp__row_part *part,
-                             int count, envsamp__run *run)
-{
-    float top = (float)part->top, end = (float)part->end, last = 0.0f;
-    int x;
-
-    for (x = 0; x <= count; x++) {
-        float rise = c[x] - a[x], upper = a[x] + top * rise, lower = a[x] + end * rise;
-        float high = upper > lower ? upper : lower;
-
-        if (x > 0)
-            run->peak[x - 1] = high > last ? high : last;
-        last = high;
-    }
-}
-
-/* Cells x0 to x0 + count of a row, or what of them lies in a rectangle; `part` is of the row,
-   `line` its first knots. `count` is ENVSAMP__CHUNK at most. */
-static inline void envsamp__row_run(const envsamp__map *map, const float *line,
-                                    const envsamp__row_part *part, const envsamp__rect *rect,
-                                    int x0, int count, envsamp__run *run)
-{
-    const float *knot = line + x0;
-    int i;
-
-    for (i = 0; i < count; i += 8)          /* some cells too many, that are not meant */
-        if (map->bilinear)
-            envsamp__bilinear_cells(knot + i, knot + i + map->stride, part, run->sum + i,
-                                    run->square + i, run->peak + i);
-        else
-            envsamp__nearest_cells(knot + i, part->sr, run->sum + i, run->square + i,
-                                   run->peak + i);
-    if (map->bilinear && (part->top > 0.0 || part->end < 1.0))
-        envsamp__cut_max(knot, knot + map->stride, part, count, run);
-    for (i = 0; i < count; i += count > 1 ? count - 1 : 1) {
-        double left = envsamp__max(envsamp__x_edge(map, x0 + i), rect->x0);
-        double right = envsamp__min_double(envsamp__x_edge(map, x0 + i + 1), rect->x1);
-
-        if (right - left < 1.0)
-            envsamp__cut_cell(map, line, part, x0 + i, left, right, run, i);
-    }
-}
-
-/* Adds cells of a run. Four lanes, so that one addition need not wait for the last. */
-static inline void envsamp__add_run(const envsamp__run *run, int from, int to,
-                                    envsamp__moments *total)
-{
-    double sum[4] = { 0.0, 0.0, 0.0, 0.0 }, square[4] = { 0.0, 0.0, 0.0, 0.0 };
-    float peak = total->peak;
-    int x, i;
-
-    for (x = from; x + 4 <= to; x += 4)
-        for (i = 0; i < 4; i++) {
-            sum[i] += run->sum[x + i];
-            square[i] += run->square[x + i];
+    for (i = 0; i < count && !map->bilinear; i += 4)
+        for (x = i; x < i + 4; x++) {
+            run->mean[x] = scale * a[x];
+            run->variance[x] = 0.0f;
+            run->peak[x] = a[x];
         }
-    for (; x < to; x++) {
-        sum[0] += run->sum[x];
-        square[0] += run->square[x];
-    }
-    for (x = from; x < to; x++)
-        peak = run->peak[x] > peak ? run->peak[x] : peak;
-    total->sum += (sum[0] + sum[1]) + (sum[2] + sum[3]);
-    total->square += (square[0] + square[1]) + (square[2] + square[3]);
-    total->peak = peak;
+    if (!map->bilinear)
+        return;
+    for (i = 0; i <= count; i += 4)
+        for (x = i; x < i + 4; x++) {
+            r[x] = scale * (c[x] - a[x]);
+            m[x] = scale * a[x] + at * r[x];
+        }
+    for (i = 0; i < count; i += 4)
+        for (x = i; x < i + 4; x++) {
+            float dm = m[x + 1] - m[x], dr = r[x + 1] - r[x], rise = r[x] + r[x + 1];
+
+            run->mean[x] = 0.5f * (m[x] + m[x + 1]);
+            run->variance[x] = 0.25f * spread * (rise * rise)
+                             + (1.0f / 12.0f) * (dm * dm + spread * (dr * dr));
+        }
+    for (i = 0; i <= count && peaks; i += 4)
+        for (x = i; x < i + 4; x++) {
+            float upper = a[x] + top * (c[x] - a[x]), lower = a[x] + end * (c[x] - a[x]);
+
+            high[x] = upper > lower ? upper : lower;
+        }
+    for (i = 0; i < count && peaks; i += 4)
+        for (x = i; x < i + 4; x++)
+            run->peak[x] = high[x] > high[x + 1] ? high[x] : high[x + 1];
 }
+
+/* Sums along one axis of a block, in bins. */
+typedef struct envsamp__profile {
+    double sum[ENVSAMP__TOP + 4], square[ENVSAMP__TOP + 4];
+    double weight[ENVSAMP__TOP + 4];    /* width of a column; solid angle of a row's part one cell
+                                           of level 0 wide */
+    float peak[ENVSAMP__TOP + 4];
+} envsamp__profile;
 
 /* ---- the pyramid ---- */
-
-/* Adds the cells of a run to the sums of their columns. */
-static inline void envsamp__add_columns(const envsamp__run *run, int count, double *sum,
-                                           double *square, float *peak)
-{
-    int x;
-
-    for (x = 0; x < count; x++) {
-        sum[x] += run->sum[x];
-        square[x] += run->square[x];
-    }
-    for (x = 0; x < count; x++)
-        peak[x] = run->peak[x] > peak[x] ? run->peak[x] : peak[x];
-}
 
 /* How many cells of level 0 wide column x of a level is: less at the border. */
 static inline double envsamp__columns(const envsamp__map *map, const envsamp__level *level, int x)
@@ -2505,41 +2404,101 @@ static inline double envsamp__columns(const envsamp__map *map, const envsamp__le
          - envsamp__x_edge(map, x << level->shift);
 }
 
-/* One row of level-1 cells. */
+/* Sets the scale of floats that are squared: from `peak`, the maximum of what is read, about 2^60,
+   so that squares neither overflow nor, of what counts beside it, vanish. */
+static void envsamp__set_scale(envsamp__map *map, float peak)
+{
+    uint32_t exponent = 314 - (envsamp__float_bits(peak) >> 23);
+
+    exponent = exponent < 227 ? exponent : 227;
+    map->scale = envsamp__bits_float(exponent << 23);
+    map->unit = 1.0 / (double)map->scale;
+}
+
+/* Maxima of `count` knots or texels, the first at `line`, over some lines; sets the scale. */
+static void envsamp__strip_peaks(envsamp__map *map, const float *line, int lines, int count,
+                                 float *peak)
+{
+    float highest = 0.0f;
+    int i, x;
+
+    for (i = 0; i < count; i += 4)
+        for (x = i; x < i + 4; x++)
+            peak[x] = line[x];
+    for (; lines > 1; lines--) {
+        line += map->stride;
+        for (i = 0; i < count; i += 4) {
+            float high[4];
+
+            for (x = 0; x < 4; x++)
+                high[x] = peak[i + x] > line[i + x] ? peak[i + x] : line[i + x];
+            for (x = 0; x < 4; x++)
+                peak[i + x] = high[x];
+        }
+    }
+    for (x = 0; x < count; x++)
+        highest = peak[x] > highest ? peak[x] : highest;
+    map->peak = highest > map->peak ? highest : map->peak;
+    envsamp__set_scale(map, highest);
+}
+
+/* One row of level-1 cells, from sums in floats. Even cells keep none of the variance that rounding
+   gives them, so that flat parts of a map are found to be flat. */
 static void envsamp__cell_row(envsamp__map *map, int cell_y)
 {
     envsamp__level *level = &map->levels[1];
     envsamp__cell *cell = level->cells + (size_t)cell_y * (size_t)level->width;
-    envsamp__rect all = envsamp__whole_map(map);
-    int end = envsamp__min(cell_y * 4 + 4, map->height), x0, x, y;
-    double integral = 0.0;
+    int y0 = cell_y * 4, rows = envsamp__min(4, map->height - y0), x0, y, x, i;
 
     for (x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
-        int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
-        envsamp__run *total = map->runs, *run = map->runs + 1;
+        int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0), last = x0 + count == map->width;
+        float peak[ENVSAMP__CHUNK + 4];
+        envsamp__run run;
+        float sum[ENVSAMP__CHUNK] = { 0.0f }, square[ENVSAMP__CHUNK] = { 0.0f };
 
-        envsamp__row_run(map, envsamp__line(map, cell_y * 4), &map->rows[cell_y * 4], &all, x0,
-                         count, total);
-        for (y = cell_y * 4 + 1; y < end; y++) {
-            envsamp__row_run(map, envsamp__line(map, y), &map->rows[y], &all, x0, count, run);
-            if (count == ENVSAMP__CHUNK)
-                envsamp__add_columns(run, ENVSAMP__CHUNK, total->sum, total->square, total->peak);
-            else
-                envsamp__add_columns(run, count, total->sum, total->square, total->peak);
+        envsamp__strip_peaks(map, envsamp__line(map, y0) + x0, rows + map->bilinear,
+                             count + map->bilinear, peak);
+        for (y = y0; y < y0 + rows; y++) {
+            const envsamp__row_part *part = &map->rows[y];
+            float weight = (float)(part->sr / level->row_sr[cell_y]);
+
+            envsamp__cells(map, envsamp__line(map, y) + x0, envsamp__line(map, y + 1) + x0, part,
+                           count, 0, &run);
+            for (i = 0; i < count; i += 4)
+                for (x = i; x < i + 4; x++) {
+                    sum[x] += weight * run.mean[x];
+                    square[x] += weight * (run.mean[x] * run.mean[x] + run.variance[x]);
+                }
+        }
+        for (x = count; x % 4; x++)
+            sum[x] = square[x] = 0.0f;
+        if (map->bilinear && x0 == 0) {
+            sum[0] *= 0.5f;
+            square[0] *= 0.5f;
+        }
+        if (map->bilinear && last) {
+            sum[count - 1] *= 0.5f;
+            square[count - 1] *= 0.5f;
         }
         for (x = 0; x < count; x += 4, cell++) {
-            envsamp__moments m = { 0.0, 0.0, 0.0f };
-            double inverse = 1.0 / (level->row_sr[cell_y]
-                                    * envsamp__columns(map, level, (x0 + x) / 4));
+            int at_border = x0 + x == 0 || (last && x + 4 >= count);
+            float inverse = !at_border ? 0.25f
+                          : (float)(1.0 / envsamp__columns(map, level, (x0 + x) / 4));
 
-            envsamp__add_run(total, x, envsamp__min(x + 4, count), &m);
-            cell->mean = (float)(m.sum * inverse);
-            cell->rms = (float)ENVSAMP_SQRT(m.square * inverse);
-            cell->peak = m.peak;
-            integral += m.sum;
+            cell->peak = peak[x];
+            for (i = x + 1; i < envsamp__min(x + 4, count) + map->bilinear; i++)
+                cell->peak = peak[i] > cell->peak ? peak[i] : cell->peak;
+            cell->mean = (float)map->unit * inverse
+                       * ((sum[x] + sum[x + 1]) + (sum[x + 2] + sum[x + 3]));
+            cell->rms = (float)map->unit
+                      * ENVSAMP_SQRTF(inverse * ((square[x] + square[x + 1])
+                                                 + (square[x + 2] + square[x + 3])));
+            if (cell->mean > cell->peak * (1.0f - 5e-7f))
+                cell->mean = cell->rms = cell->peak;
+            else
+                cell->rms = cell->rms > cell->mean ? cell->rms : cell->mean;
         }
     }
-    map->integral += integral;
 }
 
 /* One cell from the four below it; at the right and lower edge a part may be narrower, or not be
@@ -2568,6 +2527,20 @@ static envsamp__cell envsamp__merge_cells(const envsamp__map *map, const envsamp
     return cell;
 }
 
+/* Sum of a row of luminance, in lanes, so that one addition need not wait for the last. */
+static double envsamp__row_sum(const float *luminance, int width)
+{
+    double sum[4] = { 0.0, 0.0, 0.0, 0.0 };
+    int x, i;
+
+    for (x = 0; x + 4 <= width; x += 4)
+        for (i = 0; i < 4; i++)
+            sum[i] += (double)luminance[x + i];
+    for (; x < width; x++)
+        sum[0] += (double)luminance[x];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
 /* Reads a row of texels, and makes the cells of level 1 that are complete with it. */
 static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *source, int y)
 {
@@ -2577,6 +2550,8 @@ static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *sourc
 
     if (result != ENVSAMP_OK)
         return result;
+    map->integral += envsamp__row_sum(line + map->bilinear, map->image_width)
+                   * envsamp__texel_sr(map, y);
     if (map->bilinear) {
         envsamp__end_line(source, y, line);
         if (y == 0)
@@ -2586,6 +2561,7 @@ static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *sourc
     }
     for (; cell_y * 4 < rows && (cell_y * 4 + 4 <= rows || last); cell_y++)
         envsamp__cell_row(map, cell_y);
+    envsamp__set_scale(map, map->peak);
     return ENVSAMP_OK;
 }
 
@@ -2623,30 +2599,76 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
     lines = lines ? lines : (uint64_t)map->height + (uint64_t)bilinear;
     map->knot_count = (size_t)lines * map->stride;
     map->knots = ENVSAMP__TAKE(float, arena, lines * map->stride + ENVSAMP__BEYOND);
-    map->runs = ENVSAMP__TAKE(envsamp__run, arena, 2);
 }
 
 /* ============================================================================================
  * KD BUILD                                                                 [search: @kd-build]
  *
- * Best-first splitting [1, algorithms 1-3] of the map, or, for WARP, of the tiles that the crown
- * below cuts it into. A block finds its best split from the sums of its columns and rows, read
- * at the finest level where it has at most ENVSAMP__PROFILE cells, so that small blocks split at
- * the edges of cells, and in a bilinear map within cells. Where a block's edge runs through cells,
- * the part inside is read at finer levels, down to fractions of cells.
+ * The phases of a build, each in steps of its own:
+ *
+ *     rows, levels    reads the map into cells, and makes the pyramid over them (@importance)
+ *     crown           WARP: halves the light again and again, down to the tiles (@kd-crown)
+ *     tiles           searches the best split of every tile; all but WARP have one, the map
+ *     splits          best first [1, algorithms 1-3]: makes the split that gains most, and
+ *                     searches the splits of the two parts when they come to the top of the heap
+ *     moments         sums blocks again whose sums were approximate
+ *
+ * A split is searched in sums by column and by row, read at one level: the finest at which the
+ * block has at most ENVSAMP__SPLIT_CELLS cells. In a bilinear map there are levels below 0, whose
+ * cells are fractions of those of level 0: lamps of a few texels need blocks within cells. A cell
+ * of a coarse level that an edge of the block cuts is read at finer levels if it holds much of the
+ * block's light, otherwise its light is taken for uniform.
  * ========================================================================================== */
 
-#define ENVSAMP__PROFILE ENVSAMP__TOP   /* cells read for one split; others: bench/experiments.md */
-#define ENVSAMP__FLAT 1e-12     /* relative: below it a block is flat */
-#define ENVSAMP__HOPE 0.15      /* of its bound: what a searched block still wants at least, since
-                                   two cuts may gain what one cannot */
-#define ENVSAMP__EVEN (1.0 / 8)     /* of a block's light: what a cell that its edge cuts may hold
-                                       and still count as even while splits are searched */
-#define ENVSAMP__WARP_DEPTH 32  /* cuts below a tile, one inside the other */
-#define ENVSAMP__FINE_BITS 6    /* bilinear: lamps of a few texels want blocks within cells */
+#define ENVSAMP__SPLIT_CELLS ENVSAMP__TOP       /* others: bench/experiments.md */
+#define ENVSAMP__CUT_CELLS 512      /* so many are read at level 0 where coarser cells are cut */
+#define ENVSAMP__FLAT 1e-12         /* relative: below it a block is flat */
+#define ENVSAMP__GAIN_FLOOR 0.15    /* of its bound: what the priority of a searched block does not
+                                       fall below, since two cuts may gain what one cannot */
+#define ENVSAMP__UNIFORM_SHARE (1.0 / 8)    /* of a block's light or squares: what a cut cell of
+                                               uniform light may hold while splits are searched */
+#define ENVSAMP__WARP_DEPTH 32      /* cuts below a tile, one inside the other */
+#define ENVSAMP__FINE_BITS 6        /* bilinear: the finest cells are 2^-6 of those of level 0 */
 
-/* Cells of a level: columns x0 to x1 of rows y0 to y1, the ends not included. */
-typedef struct envsamp__window { int x0, y0, x1, y1; } envsamp__window;
+/* ---- a heap ---- */
+
+/* The entry of the largest key comes first. Each has four children, which share a cache line or
+   two. */
+typedef struct envsamp__heap_entry { double key; uint32_t item; int searched; }
+    envsamp__heap_entry;
+typedef struct envsamp__heap { envsamp__heap_entry *entries; int count; } envsamp__heap;
+
+/* Moves the first entry, whose key may have fallen, down to its place. */
+static void envsamp__heap_settle(envsamp__heap *heap)
+{
+    envsamp__heap_entry *entries = heap->entries, entry = entries[0];
+    int hole = 0, child = 1;
+
+    while (child < heap->count) {
+        int last = envsamp__min(child + 4, heap->count), best = child;
+
+        for (child++; child < last; child++)
+            best = entries[child].key > entries[best].key ? child : best;
+        if (entries[best].key <= entry.key)
+            break;
+        entries[hole] = entries[best];
+        hole = best;
+        child = 4 * hole + 1;
+    }
+    entries[hole] = entry;
+}
+
+static void envsamp__heap_push(envsamp__heap *heap, double key, uint32_t item, int searched)
+{
+    const envsamp__heap_entry entry = { key, item, searched };
+    int hole = heap->count++;
+
+    for (; hole > 0 && heap->entries[(hole - 1) / 4].key < key; hole = (hole - 1) / 4)
+        heap->entries[hole] = heap->entries[(hole - 1) / 4];
+    heap->entries[hole] = entry;
+}
+
+/* ---- the tree ---- */
 
 typedef struct envsamp__block {
     envsamp__rect rect;
@@ -2656,16 +2678,8 @@ typedef struct envsamp__block {
     int axis;                           /* and 0 if at a column, 1 at a row; -1 none */
     int depth;                          /* cuts above it, those of the crown not counted */
     uint32_t slot;                      /* where the tree refers to the block */
+    int rough;                          /* whether these are approximate */
 } envsamp__block;
-
-typedef struct envsamp__heap_entry { double key; uint32_t block; int searched; }
-    envsamp__heap_entry;
-
-/* Sums along one axis of a block, in bins. */
-typedef struct envsamp__profile {
-    double sum[ENVSAMP__PROFILE], square[ENVSAMP__PROFILE], weight[ENVSAMP__PROFILE];
-    float peak[ENVSAMP__PROFILE + 1];
-} envsamp__profile;
 
 /* An inner node: cuts at column (axis 0) or row (axis 1) `at`. A child is a node's index, or
    ENVSAMP__LEAF and a block's. Children come after their parents. */
@@ -2679,12 +2693,12 @@ typedef struct envsamp__tree {
     int fine_bits;                      /* blocks may end at multiples of 2^-fine_bits of a cell */
     envsamp__block *blocks;
     envsamp__cut *cuts;
-    envsamp__heap_entry *heap;
+    envsamp__heap heap;
     envsamp__profile *columns, *rows;
-    int block_count, heap_count;
+    int block_count;
     int tile_bits;                      /* the first 2^tile_bits blocks were the tiles */
     int crown_at;                       /* the block of the crown to be halved next; -1 none */
-    int even;                           /* nonzero: half of its cuts are at columns */
+    int alternate;                      /* nonzero: half of its cuts are at columns */
 } envsamp__tree;
 
 static inline double envsamp__block_sr(const envsamp__block *b)
@@ -2698,6 +2712,386 @@ static double envsamp__q(double sr, double square)
 {
     return ENVSAMP_SQRT(sr * square);
 }
+
+/* ---- sums over a rectangle ---- */
+
+/* Cells of a level: columns x0 to x1 of rows y0 to y1, the ends not included. */
+typedef struct envsamp__window { int x0, y0, x1, y1; } envsamp__window;
+
+/* Width of a cell of level k; those of level -k < 0 are 2^-k of a cell of level 0. */
+static double envsamp__cell_size(const envsamp__map *map, int k)
+{
+    return k < 0 ? 1.0 / (double)(1 << -k) : (double)(1 << map->levels[k].shift);
+}
+
+/* The cells of level k that a rectangle touches. */
+static envsamp__window envsamp__touched(const envsamp__map *map, int k, const envsamp__rect *rect)
+{
+    double size = envsamp__cell_size(map, k), scale = 1.0 / size;
+    envsamp__window w = { (int)(rect->x0 * scale), (int)(rect->y0 * scale),
+                          (int)(rect->x1 * scale), (int)(rect->y1 * scale) };
+
+    w.x1 += (double)w.x1 * size < rect->x1;
+    w.y1 += (double)w.y1 * size < rect->y1;
+    return w;
+}
+
+/* Those that lie in it. */
+static envsamp__window envsamp__contained(const envsamp__map *map, int k,
+                                          const envsamp__rect *rect)
+{
+    envsamp__window w = envsamp__touched(map, k, rect);
+    envsamp__rect all = envsamp__whole_map(map);
+    int shift = map->levels[k].shift;
+
+    w.x0 += (double)(w.x0 << shift) < rect->x0 && rect->x0 > all.x0;
+    w.y0 += (double)(w.y0 << shift) < rect->y0 && rect->y0 > all.y0;
+    w.x1 -= (double)(w.x1 << shift) > rect->x1 && rect->x1 < all.x1;
+    w.y1 -= (double)(w.y1 << shift) > rect->y1 && rect->y1 < all.y1;
+    return w;
+}
+
+/* A part of row y as if solid angle were even within it, unless it is near a pole: blocks that such
+   parts make are rough. */
+static envsamp__row_part envsamp__part_within(const envsamp__map *map, int y, double y0, double y1)
+{
+    double edge = envsamp__y_edge(map, y), high = envsamp__y_edge(map, y + 1) - edge;
+    envsamp__row_part part = map->rows[y];
+
+    if (part.at < 0.49 || part.at > 0.51)
+        return envsamp__part_of_row(map, y, y0, y1);
+    part.top = (y0 - edge) / high;
+    part.end = (y1 - edge) / high;
+    part.sr *= part.end - part.top;
+    part.at = 0.5 * (part.top + part.end);
+    part.spread = (part.end - part.top) * (part.end - part.top) / 12.0;
+    return part;
+}
+
+/* The part of row y of level k that lies in a rectangle; above level 0 only its solid angle. */
+static envsamp__row_part envsamp__level_row(const envsamp__map *map, int k, int y,
+                                            const envsamp__rect *rect)
+{
+    double size = envsamp__cell_size(map, k), top, end;
+    envsamp__row_part part = { 0.0, 0.0, 0.0, 0.0, 1.0 };
+
+    if (k == 0)
+        return envsamp__row_within(map, y, rect);
+    top = envsamp__max((double)y * size, rect->y0);
+    end = envsamp__min_double((double)(y + 1) * size, rect->y1);
+    if (k < 0)
+        return envsamp__part_within(map, y >> -k, top, end);
+    part.sr = end - top < size ? envsamp__rows_sr(map, top, end) : map->levels[k].row_sr[y];
+    return part;
+}
+
+/* What sums are added to. The first columns and rows of the bins are x0 and y0; either may be
+   NULL. */
+typedef struct envsamp__sums {
+    envsamp__profile *columns, *rows;
+    int x0, y0;
+    envsamp__moments total;
+} envsamp__sums;
+
+static inline void envsamp__add_to(envsamp__moments *total, const envsamp__moments *m)
+{
+    total->sum += m->sum;
+    total->square += m->square;
+    total->peak = m->peak > total->peak ? m->peak : total->peak;
+}
+
+static inline void envsamp__add_to_bin(envsamp__profile *p, int bin, const envsamp__moments *m)
+{
+    p->sum[bin] += m->sum;
+    p->square[bin] += m->square;
+    p->peak[bin] = m->peak > p->peak[bin] ? m->peak : p->peak[bin];
+}
+
+/* Adds a row of cells, or some of it, of which a column one cell of level 0 wide has `sr`. */
+static inline void envsamp__add_row(envsamp__sums *sums, int y, double sr,
+                                    const envsamp__moments *row)
+{
+    envsamp__add_to(&sums->total, row);
+    if (sums->rows) {
+        envsamp__add_to_bin(sums->rows, y - sums->y0, row);
+        sums->rows->weight[y - sums->y0] = sr;
+    }
+}
+
+/* Adds `count` cells of a row, whose solid angle is `sr` but for the outer ones, which are as wide
+   as `widths` say. */
+static void envsamp__add_run(const envsamp__map *map, envsamp__run *run, int count, double sr,
+                             const double *widths, envsamp__profile *columns, int bin,
+                             envsamp__moments *row)
+{
+    double scaled = sr * map->unit, unit = scaled * map->unit;
+    double sum[4] = { 0.0 }, square[4] = { 0.0 };
+    float high[4] = { 0.0f };
+    envsamp__moments part;
+    int i, x;
+
+    for (x = count; x % 4; x++)
+        run->mean[x] = run->variance[x] = run->peak[x] = 0.0f;
+    for (i = 0; i < 2; i++)
+        if (widths[i] < 1.0) {
+            double m = (double)run->mean[x = i ? count - 1 : 0];
+
+            part.sum = scaled * widths[i] * m;
+            part.square = unit * widths[i] * (m * m + (double)run->variance[x]);
+            part.peak = run->peak[x];
+            envsamp__add_to(row, &part);
+            if (columns)
+                envsamp__add_to_bin(columns, bin + x, &part);
+            run->mean[x] = run->variance[x] = run->peak[x] = 0.0f;
+        }
+    for (i = 0; i < count; i += 4) {
+        double m[4], v[4];
+        float top[4];
+
+        for (x = 0; x < 4; x++)
+            m[x] = (double)run->mean[i + x];
+        for (x = 0; x < 4; x++)
+            v[x] = unit * (m[x] * m[x] + (double)run->variance[i + x]);
+        for (x = 0; x < 4; x++)
+            m[x] *= scaled;
+        for (x = 0; x < 4; x++)
+            sum[x] += m[x];
+        for (x = 0; x < 4; x++)
+            square[x] += v[x];
+        for (x = 0; x < 4; x++)
+            high[x] = run->peak[i + x] > high[x] ? run->peak[i + x] : high[x];
+        if (columns) {
+            double *s = columns->sum + bin + i, *q = columns->square + bin + i;
+            float *p = columns->peak + bin + i;
+
+            for (x = 0; x < 4; x++)
+                m[x] += s[x];
+            for (x = 0; x < 4; x++)
+                s[x] = m[x];
+            for (x = 0; x < 4; x++)
+                v[x] += q[x];
+            for (x = 0; x < 4; x++)
+                q[x] = v[x];
+            for (x = 0; x < 4; x++)
+                top[x] = p[x] > run->peak[i + x] ? p[x] : run->peak[i + x];
+            for (x = 0; x < 4; x++)
+                p[x] = top[x];
+        }
+    }
+    part.sum = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+    part.square = (square[0] + square[1]) + (square[2] + square[3]);
+    part.peak = high[0] > high[1] ? high[0] : high[1];
+    part.peak = high[2] > part.peak ? high[2] : part.peak;
+    part.peak = high[3] > part.peak ? high[3] : part.peak;
+    envsamp__add_to(row, &part);
+}
+
+/* Adds what of cells of level k <= 0 lies in a rectangle, ENVSAMP__CHUNK columns at most. */
+static void envsamp__add_strip(const envsamp__map *map, int k, const envsamp__window *w,
+                               const envsamp__rect *rect, envsamp__sums *sums)
+{
+    double size = envsamp__cell_size(map, k), widths[2] = { 1.0, 1.0 };
+    int column[ENVSAMP__CHUNK + 1], count = w->x1 - w->x0, step = k < 0 ? 1 : count, cut, i, x, y;
+    float a[ENVSAMP__CHUNK + 4], c[ENVSAMP__CHUNK + 4], share[ENVSAMP__CHUNK + 1];
+    envsamp__run run;
+
+    for (i = 0; i <= count; i += step) {            /* where edges of columns lie between knots */
+        double at = envsamp__clamp((double)(w->x0 + i) * size, rect->x0, rect->x1);
+        double edge = envsamp__x_edge(map, (int)at), next = envsamp__x_edge(map, (int)at + 1);
+
+        column[i] = (int)at;
+        share[i] = (float)(next - edge < 1.0 ? (at - edge) / (next - edge) : at - edge);
+    }
+    for (i = 0; i < 2 && i < count; i++) {
+        x = i ? w->x1 - 1 : w->x0;
+        widths[i] = (envsamp__min_double((double)(x + 1) * size, rect->x1)
+                     - envsamp__max((double)x * size, rect->x0)) / size;
+    }
+    cut = map->bilinear && (k < 0 || share[0] > 0.0f || share[count] > 0.0f);
+    for (y = w->y0; y < w->y1; y++) {
+        envsamp__row_part part = envsamp__level_row(map, k, y, rect);
+        const float *upper = envsamp__line(map, y >> -k);
+        const float *lower = upper + (map->bilinear ? map->stride : 0);
+        envsamp__moments row = { 0.0, 0.0, 0.0f };
+
+        for (i = 0; i <= count && cut && k == 0; i += 4)
+            for (x = i; x < i + 4; x++) {
+                a[x] = upper[w->x0 + x];
+                c[x] = lower[w->x0 + x];
+            }
+        for (i = 0; i <= count && cut; i += step) {
+            x = column[i];
+            a[i] = upper[x] + share[i] * (upper[x + 1] - upper[x]);
+            c[i] = lower[x] + share[i] * (lower[x + 1] - lower[x]);
+        }
+        envsamp__cells(map, cut ? a : upper + w->x0, cut ? c : lower + w->x0, &part, count, 1,
+                       &run);
+        envsamp__add_run(map, &run, count, part.sr * size, widths, sums->columns,
+                         w->x0 - sums->x0, &row);
+        envsamp__add_row(sums, y, part.sr, &row);
+    }
+}
+
+/* Adds cells of level k: above level 0 all of them in x, otherwise what lies in a rectangle. */
+static void envsamp__add_cells(const envsamp__map *map, int k, const envsamp__window *w,
+                               const envsamp__rect *rect, envsamp__sums *sums)
+{
+    const envsamp__level *level = &map->levels[k > 0 ? k : 0];
+    double size = envsamp__cell_size(map, k);
+    envsamp__window strip = *w;
+    int x, y;
+
+    for (x = w->x0; x < w->x1 && k <= 0; x += ENVSAMP__CHUNK) {
+        strip.x0 = x;
+        strip.x1 = envsamp__min(x + ENVSAMP__CHUNK, w->x1);
+        envsamp__add_strip(map, k, &strip, rect, sums);
+    }
+    for (y = w->y0; y < w->y1 && k > 0; y++) {
+        const envsamp__cell *cell = level->cells + (size_t)y * (size_t)level->width;
+        double row_sr = envsamp__level_row(map, k, y, rect).sr;
+        envsamp__moments row = { 0.0, 0.0, 0.0f }, m;
+
+        for (x = w->x0; x < w->x1; x++) {
+            double sr = row_sr * (x > 0 && x + 1 < level->width
+                                  ? size : envsamp__columns(map, level, x));
+
+            m.sum = sr * (double)cell[x].mean;
+            m.square = sr * ((double)cell[x].rms * (double)cell[x].rms);
+            m.peak = cell[x].peak;
+            envsamp__add_to(&row, &m);
+            if (sums->columns)
+                envsamp__add_to_bin(sums->columns, x - sums->x0, &m);
+        }
+        envsamp__add_row(sums, y, row_sr, &row);
+    }
+}
+
+/* Moments of a rectangle: of cells as coarse as lie in it, and along its edges of parts of cells of
+   level 0. */
+static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const envsamp__rect *rect)
+{
+    envsamp__window done = { 0, 0, 0, 0 }, w, part;     /* done: in cells of level 0 */
+    envsamp__sums sums = { NULL, NULL, 0, 0, { 0.0, 0.0, 0.0f } };
+    int k;
+
+    for (k = map->level_count - 1; k >= 0; k--) {
+        int shift = map->levels[k].shift;
+
+        w = k ? envsamp__contained(map, k, rect) : envsamp__touched(map, 0, rect);
+        if (w.x0 >= w.x1 || w.y0 >= w.y1)
+            continue;
+        part = w;
+        if (done.x0 < done.x1) {        /* above, left and right of what is done, then below */
+            part.y1 = done.y0 >> shift;
+            envsamp__add_cells(map, k, &part, rect, &sums);
+            part.y0 = part.y1;
+            part.y1 = envsamp__min(done.y1 >> shift, w.y1);
+            part.x1 = done.x0 >> shift;
+            envsamp__add_cells(map, k, &part, rect, &sums);
+            part.x0 = envsamp__min(done.x1 >> shift, w.x1);
+            part.x1 = w.x1;
+            envsamp__add_cells(map, k, &part, rect, &sums);
+            part.x0 = w.x0;
+            part.y0 = part.y1;
+            part.y1 = w.y1;
+        }
+        envsamp__add_cells(map, k, &part, rect, &sums);
+        done.x0 = w.x0 << shift;
+        done.y0 = w.y0 << shift;
+        done.x1 = w.x1 << shift;
+        done.y1 = w.y1 << shift;
+    }
+    return sums.total;
+}
+
+/* The part in a rectangle of a cell of level k > 0 that its edges cut: as much of the cell as of its
+   solid angle, which is rough unless it is even, or exactly where that may be wrong by more than
+   `least`. */
+static envsamp__moments envsamp__cell_part(const envsamp__map *map, int k, int x, int y,
+                                           double row_sr, const envsamp__rect *rect,
+                                           const envsamp__moments *least, int *rough)
+{
+    const envsamp__level *level = &map->levels[k];
+    const envsamp__cell *cell = level->cells + (size_t)y * (size_t)level->width + x;
+    double size = envsamp__cell_size(map, k), whole = level->row_sr[y] * size;
+    double mean = (double)cell->mean, square = (double)cell->rms * (double)cell->rms;
+    double variance = whole * (square - mean * mean), sr;
+    envsamp__rect r = { envsamp__max((double)x * size, rect->x0),
+                        envsamp__max((double)y * size, rect->y0),
+                        envsamp__min_double((double)(x + 1) * size, rect->x1),
+                        envsamp__min_double((double)(y + 1) * size, rect->y1) };
+    envsamp__moments m;
+
+    if (variance > least->square || whole * variance > least->sum * least->sum)
+        return envsamp__rect_moments(map, &r);
+    sr = row_sr * (r.x1 - r.x0);
+    m.sum = sr * mean;
+    m.square = sr * square;
+    m.peak = cell->peak;
+    *rough |= cell->rms > cell->mean;
+    return m;
+}
+
+/* Sums of the cells of level k in a rectangle by column and by row; either may be NULL, and what is
+   not has ENVSAMP__SPLIT_CELLS bins at most. Returns whether they are approximate. */
+static int envsamp__profile_rect(const envsamp__map *map, int k, const envsamp__rect *rect,
+                                 const envsamp__moments *least, envsamp__profile *columns,
+                                 envsamp__profile *rows)
+{
+    const envsamp__window w = envsamp__touched(map, k, rect);
+    const envsamp__window inner = k > 0 ? envsamp__contained(map, k, rect) : w;
+    envsamp__sums sums = { columns, rows, w.x0, w.y0, { 0.0, 0.0, 0.0f } };
+    double size = envsamp__cell_size(map, k);
+    int rough = 0, x, y;
+
+    for (x = 0; columns && x < ((w.x1 - w.x0 + 3) & ~3); x++) {
+        columns->sum[x] = columns->square[x] = 0.0;
+        columns->peak[x] = 0.0f;
+        columns->weight[x] = envsamp__min_double((double)(w.x0 + x + 1) * size, rect->x1)
+                           - envsamp__max((double)(w.x0 + x) * size, rect->x0);
+    }
+    for (y = 0; rows && y < w.y1 - w.y0; y++) {
+        rows->sum[y] = rows->square[y] = 0.0;
+        rows->peak[y] = 0.0f;
+    }
+    envsamp__add_cells(map, k, &inner, rect, &sums);
+    for (y = w.y0; y < w.y1; y++) {
+        int whole = y >= inner.y0 && y < inner.y1 && inner.x0 < inner.x1;
+        envsamp__row_part part;
+
+        if (whole && inner.x0 == w.x0 && inner.x1 == w.x1)
+            continue;
+        part = envsamp__level_row(map, k, y, rect);
+        for (x = w.x0; x < w.x1; x++) {
+            envsamp__moments m;
+
+            if (whole && x == inner.x0) {
+                x = inner.x1 - 1;
+                continue;
+            }
+            m = envsamp__cell_part(map, k, x, y, part.sr, rect, least, &rough);
+            envsamp__add_row(&sums, y, part.sr, &m);
+            if (columns)
+                envsamp__add_to_bin(columns, x - w.x0, &m);
+        }
+    }
+    return rough;
+}
+
+static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int from, int to)
+{
+    envsamp__moments m = { 0.0, 0.0, 0.0f };
+    int i;
+
+    for (i = from; i < to; i++) {
+        m.sum += p->sum[i];
+        m.square += p->square[i];
+        m.peak = p->peak[i] > m.peak ? p->peak[i] : m.peak;
+    }
+    return m;
+}
+
+/* ---- searching splits ---- */
 
 /* Sum of squared errors about the mean, weighted by solid angle [1, equation 2]. */
 static double envsamp__sse(double sr, const envsamp__moments *m)
@@ -2721,8 +3115,6 @@ static double envsamp__range(const envsamp__map *map, const envsamp__block *b)
     return (double)b->whole.peak - (double)low;
 }
 
-/* ---- searching splits ---- */
-
 /* How much a block wants to be split before its best split is known. For EXCESS a bound: no
    split gains more than what the block's own variance costs. */
 static double envsamp__priority(const envsamp__tree *tree, const envsamp__block *b)
@@ -2741,292 +3133,43 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
     }
 }
 
-static void envsamp__profile_clear(envsamp__profile *p, int count)
-{
-    int i;
-
-    for (i = 0; i < count; i++) {
-        p->sum[i] = p->square[i] = 0.0;
-        p->peak[i] = 0.0f;
-    }
-}
-
-/* Asks for the lines of a block of memory rows all at once: read one after another, their misses
-   were half of a build. */
-static inline void envsamp__prefetch(const void *first, size_t row_bytes, size_t stride, int rows)
-{
-    const char *row = (const char *)first;
-    size_t at;
-
-    for (; rows > 0; rows--, row += stride)
-        for (at = 0; at < row_bytes; at += 64)
-            ENVSAMP__PREFETCH(row + at);
-}
-
-/* How much of the cell from `edge` to `next` lies between low and high. */
-static inline double envsamp__overlap(double low, double high, double edge, double next)
-{
-    return (next < high ? next : high) - (edge > low ? edge : low);
-}
-
-/* Columns and rows of a block of cells of level 0. */
-static void envsamp__profile_cells(const envsamp__map *map, const envsamp__rect *rect,
-                                   const envsamp__window *w, envsamp__profile *c,
-                                   envsamp__profile *r)
-{
-    int x0, y;
-
-    for (y = w->y0; y < w->y1; y++) {
-        envsamp__row_part part = envsamp__row_within(map, y, rect);
-        envsamp__moments row = { 0.0, 0.0, 0.0f };
-
-        for (x0 = w->x0; x0 < w->x1; x0 += ENVSAMP__CHUNK) {
-            int count = envsamp__min(ENVSAMP__CHUNK, w->x1 - x0), at = x0 - w->x0;
-            envsamp__run *run = map->runs;
-
-            envsamp__row_run(map, envsamp__line(map, y), &part, rect, x0, count, run);
-            envsamp__add_run(run, 0, count, &row);
-            envsamp__add_columns(run, count, c->sum + at, c->square + at, c->peak + at);
-        }
-        r->sum[y - w->y0] = row.sum;
-        r->square[y - w->y0] = row.square;
-        r->peak[y - w->y0] = row.peak;
-    }
-}
-
-/* Where cells are added: column x of the map belongs to bin (x >> shift_x) - x0, rows likewise. A
-   cell that an edge cuts is divided further if it holds more than these sums, otherwise taken for
-   even: with zeros all sums are exact. */
-typedef struct envsamp__bins {
-    envsamp__profile *columns, *rows;
-    int x0, y0, shift_x, shift_y;
-    double least_sum, least_square;
-} envsamp__bins;
-
-static inline void envsamp__add_moments(const envsamp__bins *bins, int x, int y, double sum,
-                                        double square, float peak)
-{
-    envsamp__profile *c = bins->columns, *r = bins->rows;
-    int column = (x >> bins->shift_x) - bins->x0, row = (y >> bins->shift_y) - bins->y0;
-
-    c->sum[column] += sum;
-    c->square[column] += square;
-    c->peak[column] = peak > c->peak[column] ? peak : c->peak[column];
-    r->sum[row] += sum;
-    r->square[row] += square;
-    r->peak[row] = peak > r->peak[row] ? peak : r->peak[row];
-}
-
-/* Adds cells [x0, x1) of a row of level 0, or what of them is inside. */
-static void envsamp__add_row(const envsamp__map *map, int y, int x0, int x1,
-                             const envsamp__rect *rect, const envsamp__bins *bins)
-{
-    envsamp__row_part part = envsamp__row_within(map, y, rect);
-
-    while (x0 < x1) {
-        int end = envsamp__min(x0 + ENVSAMP__CHUNK, x1), x = x0;
-        envsamp__run *run = map->runs;
-
-        envsamp__row_run(map, envsamp__line(map, y), &part, rect, x0, end - x0, run);
-        while (x < end) {
-            int next = envsamp__min(((x >> bins->shift_x) + 1) << bins->shift_x, end);
-            envsamp__moments m = { 0.0, 0.0, 0.0f };
-
-            envsamp__add_run(run, x - x0, next - x0, &m);
-            envsamp__add_moments(bins, x, y, m.sum, m.square, m.peak);
-            x = next;
-        }
-        x0 = end;
-    }
-}
-
-/* Cells whose parts inside a rectangle are to be added. At most a run of cells waits, and for each
-   finer level three while the fourth is divided. */
-typedef struct envsamp__waiting { int k; envsamp__window cells; } envsamp__waiting;
-#define ENVSAMP__RUN 16
-#define ENVSAMP__WAITING (ENVSAMP__RUN + 3 * ENVSAMP__LEVELS)
-
-/* What a cell is made of, as a window of the level below. */
-static envsamp__window envsamp__parts(const envsamp__map *map, int k, int x, int y)
-{
-    const envsamp__level *below = &map->levels[k - 1];
-    int shift = map->levels[k].shift - below->shift;
-    envsamp__window w = { x << shift, y << shift, envsamp__min((x + 1) << shift, below->width),
-                          envsamp__min((y + 1) << shift, below->height) };
-
-    return w;
-}
-
-/* Adds the parts inside a rectangle of cells in one row of level k > 0. Those that its edges cut,
-   if they hold much, wait instead to be divided. Returns how many wait with those before them. */
-static int envsamp__add_cells(const envsamp__map *map, int k, int y, int x0, int x1,
-                              const envsamp__rect *rect, const envsamp__bins *bins,
-                              envsamp__waiting *stack, int top)
-{
-    const envsamp__level *level = &map->levels[k];
-    const envsamp__cell *cell = level->cells + (size_t)y * (size_t)level->width;
-    double upper = envsamp__y_edge(map, y << level->shift), row_sr;
-    double lower = envsamp__y_edge(map, (y + 1) << level->shift);
-    int cut_row = upper < rect->y0 || lower > rect->y1, x;
-
-    upper = envsamp__max(upper, rect->y0);
-    lower = lower < rect->y1 ? lower : rect->y1;
-    row_sr = cut_row ? envsamp__rows_sr(map, upper, lower) : level->row_sr[y];
-    for (x = x0; x < x1; x++) {
-        double left = envsamp__x_edge(map, x << level->shift), inside, sum, square, whole;
-        double right = envsamp__x_edge(map, (x + 1) << level->shift);
-        double rms = (double)cell[x].rms;
-
-        inside = envsamp__overlap(rect->x0, rect->x1, left, right);
-        sum = row_sr * inside * (double)cell[x].mean;
-        square = row_sr * inside * rms * rms;
-        whole = level->row_sr[y] * (right - left);
-        if ((cut_row || inside < right - left)
-            && (whole * (double)cell[x].mean > bins->least_sum
-                || whole * rms * rms > bins->least_square)) {
-            stack[top].k = k - 1;
-            stack[top++].cells = envsamp__parts(map, k, x, y);
-        } else {
-            envsamp__add_moments(bins, envsamp__max_int(x << level->shift, (int)rect->x0),
-                                 (int)upper, sum, square, cell[x].peak);
-        }
-    }
-    return top;
-}
-
-/* Divides the cells that wait until none is left. */
-static void envsamp__add_waiting(const envsamp__map *map, const envsamp__rect *rect,
-                                 const envsamp__bins *bins, envsamp__waiting *stack, int top)
-{
-    while (top > 0) {
-        envsamp__window w = stack[--top].cells;
-        int k = stack[top].k, shift = map->levels[k].shift, y;
-
-        w.x0 = envsamp__max_int(w.x0, (int)rect->x0 >> shift);
-        w.y0 = envsamp__max_int(w.y0, (int)rect->y0 >> shift);
-        while ((double)((w.x1 - 1) << shift) >= rect->x1)
-            w.x1--;
-        for (y = w.y0; y < w.y1 && (double)(y << shift) < rect->y1; y++)
-            if (k == 0)
-                envsamp__add_row(map, y, w.x0, w.x1, rect, bins);
-            else
-                top = envsamp__add_cells(map, k, y, w.x0, w.x1, rect, bins, stack, top);
-    }
-}
-
-/* Adds the parts inside a rectangle of the cells of level k that it touches. */
-static void envsamp__add_rect(const envsamp__map *map, int k, const envsamp__window *w,
-                              const envsamp__rect *rect, const envsamp__bins *bins)
-{
-    envsamp__waiting stack[ENVSAMP__WAITING];
-    int x, y;
-
-    for (y = w->y0; y < w->y1; y++)
-        for (x = w->x0; x < w->x1; x += ENVSAMP__RUN) {
-            int end = envsamp__min(x + ENVSAMP__RUN, w->x1);
-
-            if (k == 0)
-                envsamp__add_row(map, y, x, end, rect, bins);
-            else
-                envsamp__add_waiting(map, rect, bins, stack,
-                                     envsamp__add_cells(map, k, y, x, end, rect, bins, stack, 0));
-        }
-}
-
-/* Cells of a level that the texels from low to high reach. */
-static inline int envsamp__cell_count(double low, double high, int shift)
-{
-    int last = (int)high - (high <= (double)(int)high);
-
-    return (last >> shift) - ((int)low >> shift) + 1;
-}
-
-/* The finest level at which the block has at most ENVSAMP__PROFILE cells. */
-static int envsamp__block_level(const envsamp__map *map, const envsamp__rect *r)
-{
-    int k = 0;
-
-    for (; k + 1 < map->level_count; k++) {
-        int shift = map->levels[k].shift;
-
-        if ((int64_t)envsamp__cell_count(r->x0, r->x1, shift)
-            * envsamp__cell_count(r->y0, r->y1, shift) <= ENVSAMP__PROFILE)
-            break;
-    }
-    return k;
-}
-
-/* Width of each bin of columns, solid angle of a texel column in each bin of rows: those of level
-   k, but for the first and the last, which an edge may cut. */
-static void envsamp__bin_weights(const envsamp__map *map, int k, const envsamp__rect *rect,
-                                 const envsamp__window *w, const envsamp__bins *bins)
-{
-    int shift = map->levels[k].shift, width = w->x1 - w->x0, height = w->y1 - w->y0, i;
-
-    for (i = 0; i < width; i++)
-        bins->columns->weight[i] = (double)(1 << shift);
-    for (i = 0; i < height; i++)
-        bins->rows->weight[i] = map->levels[k].row_sr[w->y0 + i];
-    for (i = 0; i < width; i += width > 1 ? width - 1 : 1)
-        bins->columns->weight[i] = envsamp__overlap(rect->x0, rect->x1,
-            (double)((w->x0 + i) << shift), (double)((w->x0 + i + 1) << shift));
-    for (i = 0; i < height; i += height > 1 ? height - 1 : 1) {
-        double top = envsamp__max((double)((w->y0 + i) << shift), rect->y0);
-        double end = envsamp__min_double((double)((w->y0 + i + 1) << shift), rect->y1);
-
-        bins->rows->weight[i] = envsamp__rows_sr(map, top, end);
-    }
-}
-
-/* The cells of level k that a rectangle touches. */
-static envsamp__window envsamp__touched(const envsamp__map *map, int k, const envsamp__rect *rect)
-{
-    int shift = map->levels[k].shift, x0 = (int)rect->x0 >> shift, y0 = (int)rect->y0 >> shift;
-    envsamp__window w = { x0, y0, x0 + envsamp__cell_count(rect->x0, rect->x1, shift),
-                          y0 + envsamp__cell_count(rect->y0, rect->y1, shift) };
-
-    return w;
-}
-
-/* Columns and rows of a block at level k, and how many there are of each. */
-static envsamp__window envsamp__block_profile(envsamp__tree *tree, int k, const envsamp__block *b)
+/* The level at which a block's split is searched. */
+static int envsamp__split_level(const envsamp__tree *tree, const envsamp__rect *rect)
 {
     const envsamp__map *map = tree->map;
-    const envsamp__level *level = &map->levels[k];
-    envsamp__window w = envsamp__touched(map, k, &b->rect);
-    double sum = b->whole.sum, square = envsamp__max(b->whole.square,
-                                                     sum * sum / envsamp__block_sr(b));
-    envsamp__bins bins = { tree->columns, tree->rows, w.x0, w.y0, level->shift, level->shift,
-                           ENVSAMP__EVEN * sum, ENVSAMP__EVEN * square };
+    envsamp__window fine = envsamp__touched(map, 0, rect), w, inner;
+    int width = fine.x1 - fine.x0, height = fine.y1 - fine.y0;
+    int k = (int64_t)width * height > ENVSAMP__SPLIT_CELLS ? 1 : -tree->fine_bits;
 
-    envsamp__bin_weights(map, k, &b->rect, &w, &bins);
-    envsamp__profile_clear(tree->columns, w.x1 - w.x0);
-    if (k == 0) {
-        envsamp__prefetch(map->knots + (size_t)w.y0 * map->stride + w.x0,
-                          (size_t)(w.x1 - w.x0 + map->bilinear) * sizeof(float),
-                          map->stride * sizeof(float), w.y1 - w.y0 + map->bilinear);
-        envsamp__profile_cells(map, &b->rect, &w, tree->columns, tree->rows);
-    } else {
-        envsamp__prefetch(level->cells + (size_t)w.y0 * (size_t)level->width + w.x0,
-                          (size_t)(w.x1 - w.x0) * sizeof(envsamp__cell),
-                          (size_t)level->width * sizeof(envsamp__cell), w.y1 - w.y0);
-        envsamp__profile_clear(tree->rows, w.y1 - w.y0);
-        envsamp__add_rect(map, k, &w, &b->rect, &bins);
+    for (;; k++) {
+        w = envsamp__touched(map, k, rect);
+        if (k + 1 == map->level_count
+            || (int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__SPLIT_CELLS)
+            break;
     }
-    return w;
+    if (k <= 0 || envsamp__max_int(width, height) > ENVSAMP__SPLIT_CELLS
+        || (int64_t)width * height > ENVSAMP__CUT_CELLS)
+        return k;
+    inner = envsamp__contained(map, k, rect);
+    return ENVSAMP_MEMCMP(&inner, &w, sizeof w) ? 0 : k;
 }
 
-static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int from, int to)
+/* Asks for the knots or cells that a search of a rectangle will read: waiting for them was half of a
+   build. */
+static void envsamp__prefetch(const envsamp__tree *tree, const envsamp__rect *rect)
 {
-    envsamp__moments m = { 0.0, 0.0, 0.0f };
-    int i;
+    const envsamp__map *map = tree->map;
+    int k = envsamp__split_level(tree, rect);
+    envsamp__window w = envsamp__touched(map, k > 0 ? k : 0, rect);
+    size_t size = k > 0 ? sizeof(envsamp__cell) : sizeof(float), at;
+    size_t stride = k > 0 ? (size_t)map->levels[k].width : map->stride;
+    const char *row = (k > 0 ? (const char *)map->levels[k].cells : (const char *)map->knots)
+                    + ((size_t)w.y0 * stride + (size_t)w.x0) * size;
+    int y;
 
-    for (i = from; i < to; i++) {
-        m.sum += p->sum[i];
-        m.square += p->square[i];
-        m.peak = p->peak[i] > m.peak ? p->peak[i] : m.peak;
-    }
-    return m;
+    for (y = w.y0; y < w.y1 + map->bilinear; y++, row += stride * size)
+        for (at = 0; at < (size_t)(w.x1 - w.x0 + map->bilinear) * size; at += 64)
+            ENVSAMP__PREFETCH(row + at);
 }
 
 /* The best place to cut along one axis. */
@@ -3070,96 +3213,24 @@ static void envsamp__try_cuts(const envsamp__profile *p, int count, double cross
     }
 }
 
-/* How finely the cells of a small block are to be divided. */
-static int envsamp__fine_bits(const envsamp__tree *tree, const envsamp__rect *r)
-{
-    int bits = tree->fine_bits;
-
-    for (; bits > 0; bits--) {
-        double scale = (double)(1 << bits);
-        int columns = envsamp__cell_count(scale * r->x0, scale * r->x1, 0);
-        int rows = envsamp__cell_count(scale * r->y0, scale * r->y1, 0);
-
-        if (columns <= ENVSAMP__CHUNK && rows <= ENVSAMP__PROFILE
-            && columns * rows <= ENVSAMP__PROFILE)
-            break;
-    }
-    return bits;
-}
-
-/* A part of row y as if solid angle were even within it, unless it is near a pole. */
-static envsamp__row_part envsamp__part_within(const envsamp__map *map, int y, double y0, double y1)
-{
-    double edge = envsamp__y_edge(map, y), high = envsamp__y_edge(map, y + 1) - edge;
-    envsamp__row_part part = map->rows[y];
-
-    if (part.at < 0.49 || part.at > 0.51)
-        return envsamp__part_of_row(map, y, y0, y1);
-    part.top = (y0 - edge) / high;
-    part.end = (y1 - edge) / high;
-    part.sr *= part.end - part.top;
-    part.at = 0.5 * (part.top + part.end);
-    part.spread = (part.end - part.top) * (part.end - part.top) / 12.0;
-    return part;
-}
-
-/* Columns and rows, 2^-bits of a cell wide, of a block in a bilinear map. Within a row solid angle
-   is taken for even, but at the poles: the moments of blocks are computed anew when all are
-   known. */
-static envsamp__window envsamp__fine_profile(envsamp__tree *tree, int bits,
-                                             const envsamp__rect *rect)
-{
-    const envsamp__map *map = tree->map;
-    double step = 1.0 / (double)(1 << bits);
-    envsamp__row_part part;
-    int x0 = (int)(rect->x0 / step), y0 = (int)(rect->y0 / step), i, j;
-    envsamp__window w = { x0, y0, x0 + envsamp__cell_count(rect->x0 / step, rect->x1 / step, 0),
-                          y0 + envsamp__cell_count(rect->y0 / step, rect->y1 / step, 0) };
-    envsamp__run *run = map->runs;
-
-    envsamp__profile_clear(tree->columns, w.x1 - w.x0);
-    envsamp__profile_clear(tree->rows, w.y1 - w.y0);
-    for (j = w.y0; j < w.y1; j++) {
-        int y = j >> bits;
-        envsamp__moments row = { 0.0, 0.0, 0.0f };
-
-        part = envsamp__part_within(map, y, envsamp__max((double)j * step, rect->y0),
-                                    envsamp__min_double((double)(j + 1) * step, rect->y1));
-        for (i = w.x0; i < w.x1; i++) {
-            double left = envsamp__max((double)i * step, rect->x0);
-            double right = envsamp__min_double((double)(i + 1) * step, rect->x1);
-
-            envsamp__cut_cell(map, envsamp__line(map, y), &part, i >> bits, left, right, run,
-                              i - w.x0);
-            tree->columns->weight[i - w.x0] = right - left;
-        }
-        envsamp__add_run(run, 0, w.x1 - w.x0, &row);
-        tree->rows->sum[j - w.y0] = row.sum;
-        tree->rows->square[j - w.y0] = row.square;
-        tree->rows->peak[j - w.y0] = row.peak;
-        tree->rows->weight[j - w.y0] = part.sr;
-        envsamp__add_columns(run, w.x1 - w.x0, tree->columns->sum, tree->columns->square,
-                             tree->columns->peak);
-    }
-    return w;
-}
-
 /* Finds the block's best split and the moments of both parts, and returns what it gains. Where
    no cut gains anything yet the block is not flat (a checkerboard), cuts it in the middle of its
    longer side, so that its parts may. */
 static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
 {
     const envsamp__map *map = tree->map;
-    int k = envsamp__block_level(map, &b->rect);
-    int fine = k == 0 ? envsamp__fine_bits(tree, &b->rect) : 0;
-    envsamp__window w = fine ? envsamp__fine_profile(tree, fine, &b->rect)
-                             : envsamp__block_profile(tree, k, b);
+    int k = envsamp__split_level(tree, &b->rect), excess = tree->criterion == ENVSAMP_KD_EXCESS;
+    envsamp__window w = envsamp__touched(map, k, &b->rect);
     int width = w.x1 - w.x0, height = w.y1 - w.y0;
-    int excess = tree->criterion == ENVSAMP_KD_EXCESS;
     double columns = b->rect.x1 - b->rect.x0, sr = envsamp__block_sr(b), gain;
+    double sum = b->whole.sum, square = envsamp__max(b->whole.square, sum * sum / sr);
+    envsamp__moments least = { ENVSAMP__UNIFORM_SHARE * sum, ENVSAMP__UNIFORM_SHARE * square, 0.0f };
     envsamp__search search = { -DBL_MAX, -1, 0 };
-    envsamp__moments whole = envsamp__profile_moments(tree->rows, 0, height);
+    envsamp__moments whole;
+    const envsamp__profile *profile;
 
+    b->rough = envsamp__profile_rect(map, k, &b->rect, &least, tree->columns, tree->rows) || k < 0;
+    whole = envsamp__profile_moments(tree->rows, 0, height);
     envsamp__try_cuts(tree->columns, width, b->column_sr, sr, &whole, excess, 0, &search);
     envsamp__try_cuts(tree->rows, height, columns, sr, &whole, excess, 1, &search);
     b->whole = whole;
@@ -3173,12 +3244,11 @@ static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
         b->axis = search.axis = width < height;
         search.at = (search.axis ? height : width) / 2;
     }
-    b->low = envsamp__profile_moments(search.axis ? tree->rows : tree->columns, 0, search.at);
-    b->high = envsamp__profile_moments(search.axis ? tree->rows : tree->columns, search.at,
-                                       search.axis ? height : width);
-    b->at = (double)(((search.axis ? w.y0 : w.x0) + search.at) << map->levels[k].shift)
-          / (double)(1 << fine);
-    if (fine) {
+    profile = search.axis ? tree->rows : tree->columns;
+    b->low = envsamp__profile_moments(profile, 0, search.at);
+    b->high = envsamp__profile_moments(profile, search.at, search.axis ? height : width);
+    b->at = (double)((search.axis ? w.y0 : w.x0) + search.at) * envsamp__cell_size(map, k);
+    if (k < 0) {
         b->at = envsamp__storable(map, b->at, b->axis);
         if (!envsamp__parts_edges(map, b->axis ? b->rect.y0 : b->rect.x0, b->at,
                                   b->axis ? b->rect.y1 : b->rect.x1, b->axis))
@@ -3187,35 +3257,15 @@ static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
     return gain;
 }
 
-/* Moves the entry at the top down to its place. Each has four children, which share a cache line
-   or two. */
-static void envsamp__heap_settle(envsamp__tree *tree)
+/* Searches a block's split. Returns its priority from then on, 0 where nothing can be cut. */
+static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
 {
-    envsamp__heap_entry entry = tree->heap[0];
-    int hole = 0, child = 1;
+    double gain = envsamp__find_split(tree, b), bound = envsamp__priority(tree, b);
 
-    while (child < tree->heap_count) {
-        int last = envsamp__min(child + 4, tree->heap_count), best = child;
-
-        for (child++; child < last; child++)
-            best = tree->heap[child].key > tree->heap[best].key ? child : best;
-        if (tree->heap[best].key <= entry.key)
-            break;
-        tree->heap[hole] = tree->heap[best];
-        hole = best;
-        child = 4 * hole + 1;
-    }
-    tree->heap[hole] = entry;
-}
-
-static void envsamp__heap_push(envsamp__tree *tree, double key, uint32_t block)
-{
-    const envsamp__heap_entry entry = { key, block, 0 };
-    int hole = tree->heap_count++;
-
-    for (; hole > 0 && tree->heap[(hole - 1) / 4].key < key; hole = (hole - 1) / 4)
-        tree->heap[hole] = tree->heap[(hole - 1) / 4];
-    tree->heap[hole] = entry;
+    if (b->axis < 0)
+        return 0.0;
+    return tree->criterion == ENVSAMP_KD_EXCESS
+         ? envsamp__max(gain, ENVSAMP__GAIN_FLOOR * bound) : bound;
 }
 
 /* Replaces a block by the two parts of its best split: the low part takes its place. */
@@ -3247,32 +3297,34 @@ static void envsamp__split(envsamp__tree *tree, uint32_t number)
 }
 
 /* One step of the splitting: searches the split of the block at the top of the heap, or makes it.
-   The heap holds every block once; one whose split was not yet searched goes by its bound, and is
-   searched only when it comes to the top. Returns 0 when `wanted` blocks stand or all are flat. */
-static int envsamp__grow(envsamp__tree *tree, int wanted)
+   The heap holds every block once; one whose split was not yet searched has a bound as its
+   priority. Returns 0 when `wanted` blocks stand or all are flat. */
+static int envsamp__split_step(envsamp__tree *tree, int wanted)
 {
-    envsamp__heap_entry *top = &tree->heap[0];
-    envsamp__block *block = &tree->blocks[top->block];
+    envsamp__heap_entry *top = &tree->heap.entries[0];
+    envsamp__block *block = &tree->blocks[top->item];
 
     if (tree->block_count >= wanted || !(top->key > 0.0))
         return 0;
     if (!top->searched) {
-        double gain = envsamp__find_split(tree, block);
+        const envsamp__heap_entry *next = top;
+        int i;
 
+        for (i = 1; i < envsamp__min(tree->heap.count, 5); i++)
+            next = next == top || top[i].key > next->key ? &top[i] : next;
+        if (!next->searched)
+            envsamp__prefetch(tree, &tree->blocks[next->item].rect);
+        top->key = envsamp__search_block(tree, block);
         top->searched = 1;
-        if (block->axis < 0)
-            top->key = 0.0;
-        else if (tree->criterion == ENVSAMP_KD_EXCESS)
-            top->key = envsamp__max(gain, ENVSAMP__HOPE * top->key);
-        envsamp__heap_settle(tree);
+        envsamp__heap_settle(&tree->heap);
     } else {
         uint32_t high = (uint32_t)tree->block_count;
 
-        envsamp__split(tree, top->block);
+        envsamp__split(tree, top->item);
         top->key = envsamp__priority(tree, block);
         top->searched = 0;
-        envsamp__heap_settle(tree);
-        envsamp__heap_push(tree, envsamp__priority(tree, &tree->blocks[high]), high);
+        envsamp__heap_settle(&tree->heap);
+        envsamp__heap_push(&tree->heap, envsamp__priority(tree, &tree->blocks[high]), high, 0);
     }
     return 1;
 }
@@ -3289,240 +3341,85 @@ static int envsamp__grow(envsamp__tree *tree, int wanted)
  * ========================================================================================== */
 
 #define ENVSAMP__BLOCKS_PER_TILE 3      /* 2 at least: the crown has as many cuts as tiles */
-#define ENVSAMP__EVEN_MEDIAN (1.0 / 1024)
-#define ENVSAMP__MEDIAN_CELLS 8192      /* rectangles of so few are read at level 0 */
+#define ENVSAMP__MEDIAN_CELLS 512       /* read at once for a median */
+#define ENVSAMP__MEDIAN_SHARE (1.0 / 512)  /* of a part's light: what a cut cell of uniform light
+                                               may hold */
 
-/* Where the running sum of bins [0, count), each `size` cells wide from `first` on but clipped
-   to low and high, reaches `half`; `before` is the sum that lies left of them. */
-typedef struct envsamp__crossing { double low, high, before, f; int bin; } envsamp__crossing;
-
-static envsamp__crossing envsamp__cross(const double *sum, int count, int first, int size,
-                                        double low, double high, double before, double half)
+/* The level at which the cut of a part of the map is narrowed down next: of at most
+   ENVSAMP__MEDIAN_CELLS cells, and more than one along the axis, unless it is 0. */
+static int envsamp__median_level(const envsamp__map *map, const envsamp__rect *rect, int axis)
 {
-    envsamp__crossing c;
-    int i;
+    int k, bins;
 
-    for (i = 0; i + 1 < count && before + sum[i] < half; i++)
-        before += sum[i];
-    c.low = envsamp__max(low, (double)(first + i * size));
-    c.high = (double)(first + (i + 1) * size) < high ? (double)(first + (i + 1) * size) : high;
-    c.before = before;
-    c.f = sum[i] > 0.0 ? envsamp__clamp((half - before) / sum[i], 0.0, 1.0) : 0.5;
-    c.bin = i;
-    return c;
-}
+    for (k = 0; k + 1 < map->level_count; k++) {
+        envsamp__window w = envsamp__touched(map, k, rect), v = envsamp__touched(map, k + 1, rect);
 
-/* What lies between x0 and x1 of cell x under a line from `left` to `right`, and the line's ends
-   there. */
-static double envsamp__trapezoid(const envsamp__map *map, int x, double x0, double x1, double left,
-                                 double right, double *ends)
-{
-    double edge = envsamp__x_edge(map, x), width = envsamp__x_edge(map, x + 1) - edge;
-
-    ends[0] = left + (x0 - edge) / width * (right - left);
-    ends[1] = left + (x1 - edge) / width * (right - left);
-    return 0.5 * (x1 - x0) * (ends[0] + ends[1]);
-}
-
-/* Adds up a row of cells inside a rectangle, of which knots have upper times a plus lower times
-   c. */
-static double envsamp__row_light(const envsamp__map *map, int y, double upper, double lower,
-                                 const envsamp__rect *r, const envsamp__window *w)
-{
-    const float shrink = 1.0f / 1024.0f;     /* FLT_MAX in every texel does not overflow */
-    const float *a = envsamp__line(map, y) + w->x0;
-    const float *c = a + (map->bilinear ? map->stride : 0);
-    float up = shrink * (float)upper, down = shrink * (float)lower;
-    float lane[4] = { 0.0f, 0.0f, 0.0f, 0.0f };
-    int last = w->x1 - w->x0 - 1, end = last + map->bilinear, b = map->bilinear, x, i;
-    double sum, ends[2], right = w->x0 + 1 < w->x1 ? (double)(w->x0 + 1) : r->x1;
-
-    sum = envsamp__trapezoid(map, w->x0, r->x0, right, (double)(up * a[0] + down * c[0]),
-                             (double)(up * a[b] + down * c[b]), ends);
-    if (last > 0)
-        sum += envsamp__trapezoid(map, w->x1 - 1, (double)(w->x1 - 1), r->x1,
-                                  (double)(up * a[last] + down * c[last]),
-                                  (double)(up * a[last + b] + down * c[last + b]), ends);
-    for (x = 1; x + 4 <= end; x += 4)
-        for (i = 0; i < 4; i++)
-            lane[i] += up * a[x + i] + down * c[x + i];
-    for (; x < end; x++)
-        lane[0] += up * a[x] + down * c[x];
-    sum += (double)((lane[0] + lane[1]) + (lane[2] + lane[3]));
-    if (b && last > 0)              /* knots at both ends belong to one of these cells, not two */
-        sum -= 0.5 * (double)((up * a[1] + down * c[1]) + (up * a[last] + down * c[last]));
-    return sum / (double)shrink;
-}
-
-/* Light of each row of cells of a rectangle. */
-static void envsamp__row_sums(const envsamp__map *map, const envsamp__rect *r,
-                              const envsamp__window *w, double *sum)
-{
-    int y;
-
-    for (y = w->y0; y < w->y1; y++) {
-        envsamp__row_part part = envsamp__row_within(map, y, r);
-
-        sum[y - w->y0] = map->bilinear
-                       ? envsamp__row_light(map, y, part.sr * (1.0 - part.at), part.sr * part.at,
-                                            r, w)
-                       : envsamp__row_light(map, y, part.sr, 0.0, r, w);
+        bins = axis ? w.y1 - w.y0 : w.x1 - w.x0;
+        if (bins <= ENVSAMP__SPLIT_CELLS
+            && ((int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__MEDIAN_CELLS
+                || (axis ? v.y1 - v.y0 : v.x1 - v.x0) == 1))
+            break;
     }
+    return k;
 }
 
-/* Light of each column of cells of a rectangle; `line` becomes the light along the lines that part
-   them, and has room for one more than there are columns. */
-static void envsamp__column_sums(const envsamp__map *map, const envsamp__rect *r,
-                                 const envsamp__window *w, float *line, double *sum)
+/* Where in a part of the map, which lies within a row or column of cells of level 0, its light has
+   come to a share: at a root of the parabola through the light of its halves, exact along u, then
+   by a step of Newton's. */
+static double envsamp__median_in_cell(const envsamp__map *map, const envsamp__rect *rect, int axis,
+                                      double light, double share)
 {
-    const float shrink = 1.0f / 1024.0f;
-    int width = w->x1 - w->x0, knots = width + map->bilinear, x, y;
+    envsamp__rect low = *rect;
+    double from = axis ? rect->y0 : rect->x0, size = (axis ? rect->y1 : rect->x1) - from;
+    double *end = axis ? &low.y1 : &low.x1, half, slope, bend, at, over;
 
-    for (x = 0; x < knots; x++)
-        line[x] = 0.0f;
-    for (y = w->y0; y < w->y1; y++) {
-        const float *a = envsamp__line(map, y) + w->x0, *c = a + map->stride;
-        envsamp__row_part part = envsamp__row_within(map, y, r);
-        float up = shrink * (float)(part.sr * (1.0 - part.at)), down = shrink * (float)part.sr;
-
-        if (map->bilinear) {
-            down *= (float)part.at;
-            for (x = 0; x < knots; x++)
-                line[x] += up * a[x] + down * c[x];
-        } else {
-            for (x = 0; x < knots; x++)
-                line[x] += down * a[x];
-        }
+    *end = from + 0.5 * size;
+    half = envsamp__rect_moments(map, &low).sum;
+    slope = 4.0 * half - light;
+    bend = 2.0 * (light - 2.0 * half);
+    at = slope + ENVSAMP_SQRT(envsamp__max(slope * slope + 4.0 * bend * share * light, 0.0));
+    at = at > 0.0 ? envsamp__clamp(2.0 * share * light / at, 0.0, 1.0) : share;
+    *end = from + at * size;
+    if (axis && *end > from) {
+        over = envsamp__rect_moments(map, &low).sum - share * light;
+        slope += 2.0 * bend * at;
+        at = slope > 0.0 ? envsamp__clamp(at - over / slope, 0.0, 1.0) : at;
     }
-    for (x = 0; x < width; x++) {
-        double left = envsamp__max((double)(w->x0 + x), r->x0), ends[2];
-        double right = (double)(w->x0 + x + 1) < r->x1 ? (double)(w->x0 + x + 1) : r->x1;
-
-        sum[x] = envsamp__trapezoid(map, w->x0 + x, left, right, (double)line[x],
-                                    (double)line[x + map->bilinear], ends) / (double)shrink;
-    }
+    return from + at * size;
 }
 
-/* How far between two places the light has come to a share of what lies between, where its density
-   and the size of what it falls on both go linearly from their first value to their second. */
-static double envsamp__share_at(const double *light, const double *size, double share)
-{
-    double rise = light[1] - light[0], growth = size[1] - size[0];
-    double a = light[0] * size[0], b = 0.5 * (light[0] * growth + rise * size[0]);
-    double c = rise * growth / 3.0, wanted = share * (a + b + c), low = 0.0, high = 1.0;
-    int i;
-
-    if (!(a + b + c > 0.0))
-        return share;
-    for (i = 0; i < 30; i++) {
-        double f = 0.5 * (low + high);
-
-        if (f * (a + f * (b + f * c)) < wanted)
-            low = f;
-        else
-            high = f;
-    }
-    return 0.5 * (low + high);
-}
-
-/* Where in the last bin, a row of cells whose sums were just taken, half of the light is reached:
-   near it by linear laws, then two steps of Newton's. */
-static double envsamp__median_in_row(const envsamp__map *map, const envsamp__rect *r,
-                                     const envsamp__window *w, const envsamp__crossing *c)
-{
-    int row = w->y0 + c->bin, i;
-    double edge = envsamp__y_edge(map, row), high = envsamp__y_edge(map, row + 1) - edge;
-    double a = map->bilinear ? envsamp__row_light(map, row, 1.0, 0.0, r, w) : 1.0;
-    double rise = map->bilinear ? envsamp__row_light(map, row, 0.0, 1.0, r, w) - a : 0.0;
-    envsamp__row_part part = envsamp__part_of_row(map, row, c->low, c->high);
-    double wanted = c->f * part.sr * (a + part.at * rise), y, light[2], size[2];
-
-    for (i = 0; i < 2; i++) {
-        double at = i ? c->high : c->low, cap = envsamp__polar_edge(map, at).cap;
-
-        light[i] = a + (at - edge) / high * rise;
-        size[i] = map->mapping == ENVSAMP_OCTAHEDRAL ? 1.0 : ENVSAMP_SQRT(cap * (2.0 - cap));
-    }
-    y = c->low + envsamp__share_at(light, size, c->f) * (c->high - c->low);
-    for (i = 0; i < 2; i++) {
-        double step = 1e-4 * (c->high - c->low), slope, over;
-
-        part = envsamp__part_of_row(map, row, c->low, y);
-        over = part.sr * (a + part.at * rise) - wanted;
-        slope = envsamp__rows_sr(map, y - step, y + step) / (2.0 * step)
-              * (a + (y - edge) / high * rise);
-        if (slope > 0.0)
-            y = envsamp__clamp(y - over / slope, c->low, c->high);
-    }
-    return y;
-}
-
-/* The same in a column of cells; `line` is the light along the lines that part columns. */
-static double envsamp__median_in_column(const envsamp__map *map, const envsamp__window *w,
-                                        const float *line, const envsamp__crossing *c)
-{
-    const double size[2] = { 1.0, 1.0 };
-    double light[2] = { 1.0, 1.0 };
-
-    if (map->bilinear)
-        envsamp__trapezoid(map, w->x0 + c->bin, c->low, c->high, (double)line[c->bin],
-                           (double)line[c->bin + 1], light);
-    return c->low + envsamp__share_at(light, size, c->f) * (c->high - c->low);
-}
-
-/* Where the light of a rectangle left of, or above, a place is half of the whole: found in bins of
-   cells, then of smaller cells within the bin, at last in rows or columns of level 0. */
+/* Where the light of a rectangle left of, or above, a place is half of the whole: narrowed down to
+   a column or row of cells, level by level. */
 static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, int axis,
                               double light)
 {
     const envsamp__map *map = tree->map;
     envsamp__profile *profile = axis ? tree->rows : tree->columns;
-    double half = -1.0;
+    const envsamp__moments least = { ENVSAMP__MEDIAN_SHARE * light, DBL_MAX, 0.0f };
     envsamp__rect r = *rect;
-    double *low = axis ? &r.y0 : &r.x0, *high = axis ? &r.y1 : &r.x1;
-    envsamp__crossing c = { 0.0, 0.0, 0.0, 0.0, 0 };
-    envsamp__bins bins = { tree->columns, tree->rows, 0, 0, 0, 0, ENVSAMP__EVEN_MEDIAN * light,
-                           DBL_MAX };
+    double *low = axis ? &r.y0 : &r.x0, *high = axis ? &r.y1 : &r.x1, share = 0.5;
+    int k;
 
-    for (;;) {
-        envsamp__window w = envsamp__touched(map, 0, &r);
-        int k = 0, count = axis ? w.y1 - w.y0 : w.x1 - w.x0, shift, i;
-        int cells = count <= ENVSAMP__PROFILE
-                 && (int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__MEDIAN_CELLS;
-        double total = 0.0;
+    do {
+        double size, from, wanted;
+        envsamp__window w;
+        int bins, i = 0;
 
-        while (!cells && k + 1 < map->level_count
-               && envsamp__cell_count(*low, *high, map->levels[k].shift) > 16)
-            k++;
-        shift = map->levels[k].shift;
+        k = envsamp__median_level(map, &r, axis);
         w = envsamp__touched(map, k, &r);
-        count = axis ? w.y1 - w.y0 : w.x1 - w.x0;
-        if (cells && axis) {
-            envsamp__row_sums(map, &r, &w, profile->sum);
-        } else if (cells) {
-            envsamp__column_sums(map, &r, &w, profile->peak, profile->sum);
-        } else {
-            bins.x0 = axis ? 0 : w.x0;
-            bins.y0 = axis ? w.y0 : 0;
-            bins.shift_x = axis ? 16 : shift;       /* the other axis is one bin */
-            bins.shift_y = axis ? shift : 16;
-            envsamp__profile_clear(bins.columns, axis ? 1 : count);
-            envsamp__profile_clear(bins.rows, axis ? count : 1);
-            envsamp__add_rect(map, k, &w, &r, &bins);
-        }
-        for (i = 0; i < count; i++)
-            total += profile->sum[i];
-        half = half < 0.0 ? 0.5 * total : half;
-        c = envsamp__cross(profile->sum, count, (axis ? w.y0 : w.x0) << shift, 1 << shift, *low,
-                           *high, c.before, half);
-        if (cells)
-            return axis ? envsamp__median_in_row(map, &r, &w, &c)
-                        : envsamp__median_in_column(map, &w, profile->peak, &c);
-        if (k == 0)
-            return c.low + c.f * (c.high - c.low);
-        *low = c.low;
-        *high = c.high;
-    }
+        bins = axis ? w.y1 - w.y0 : w.x1 - w.x0;
+        size = envsamp__cell_size(map, k);
+        envsamp__profile_rect(map, k, &r, &least, axis ? NULL : profile, axis ? profile : NULL);
+        wanted = share * envsamp__profile_moments(profile, 0, bins).sum;
+        for (; i + 1 < bins && profile->sum[i] < wanted; i++)
+            wanted -= profile->sum[i];
+        from = (double)((axis ? w.y0 : w.x0) + i) * size;
+        light = profile->sum[i];
+        share = light > 0.0 ? envsamp__clamp(wanted / light, 0.0, 1.0) : 0.5;
+        *high = envsamp__min_double(from + size, *high);
+        *low = envsamp__max(from, *low);
+    } while (k > 0);
+    return envsamp__median_in_cell(map, &r, axis, light, share);
 }
 
 /* Halves the light of a block of the crown; its halves are blocks 2 number + 1 and 2 number + 2.
@@ -3580,7 +3477,7 @@ static void envsamp__crown_end(envsamp__tree *tree)
         blocks[i].slot = bits ? (uint32_t)(i + (1 << bits) - 2) : ENVSAMP__LEAF;
     }
     tree->block_count = 1 << bits;
-    tree->heap_count = 0;
+    tree->heap.count = 0;
 }
 
 /* How many of the first cuts are at columns: half, but a long map is first made as wide as high
@@ -3590,9 +3487,9 @@ static int envsamp__crown_columns(const envsamp__tree *tree, int cuts)
     int64_t across = tree->map->image_width, down = tree->map->image_height;
     int x = (cuts + 1) / 2;
 
-    while (!tree->even && x > 0 && cuts - x < 10 && down << x > across << (cuts - x + 3))
+    while (!tree->alternate && x > 0 && cuts - x < 10 && down << x > across << (cuts - x + 3))
         x--;
-    while (!tree->even && x < cuts && x < 10 && across << (cuts - x) > down << (x + 3))
+    while (!tree->alternate && x < cuts && x < 10 && across << (cuts - x) > down << (x + 3))
         x++;
     return x;
 }
@@ -3621,7 +3518,7 @@ static void envsamp__crown_begin(envsamp__tree *tree, int bits)
 
 /* Halves one more block of the crown; where floats are too coarse, begins a smaller crown. Returns
    0 when it is done. */
-static int envsamp__crown_grow(envsamp__tree *tree)
+static int envsamp__crown_step(envsamp__tree *tree)
 {
     int level = 0, axis;
 
@@ -3634,62 +3531,13 @@ static int envsamp__crown_grow(envsamp__tree *tree)
                        tree->map->integral / (double)(1 << level))) {
         tree->crown_at = envsamp__crown_next(tree->crown_at, tree->tile_bits);
     } else {
-        tree->tile_bits -= tree->even;
-        tree->even = 1;
+        tree->tile_bits -= tree->alternate;
+        tree->alternate = 1;
         tree->crown_at = tree->tile_bits > 0 ? 0 : -1;
     }
     if (tree->crown_at < 0)
         envsamp__crown_end(tree);
     return tree->crown_at >= 0;
-}
-
-/* Moments of a part of the map, from all its cells of level 0. */
-static envsamp__moments envsamp__cell_moments(const envsamp__map *map, const envsamp__rect *rect)
-{
-    envsamp__window w = envsamp__touched(map, 0, rect);
-    envsamp__moments m = { 0.0, 0.0, 0.0f };
-    int x, y;
-
-    for (y = w.y0; y < w.y1; y++) {
-        envsamp__row_part part = envsamp__row_within(map, y, rect);
-
-        for (x = w.x0; x < w.x1; x += ENVSAMP__CHUNK) {
-            int count = envsamp__min(ENVSAMP__CHUNK, w.x1 - x);
-            envsamp__run *run = map->runs;
-
-            envsamp__row_run(map, envsamp__line(map, y), &part, rect, x, count, run);
-            envsamp__add_run(run, 0, count, &m);
-        }
-    }
-    return m;
-}
-
-/* Moments of block i as it is, where splits were searched in sums that took cut cells, or solid
-   angle within a row, for even. Small blocks are read at level 0; the cells of a later one are
-   asked for ahead, for they lie anywhere. */
-static void envsamp__exact_moments(envsamp__tree *tree, int i)
-{
-    const envsamp__map *map = tree->map;
-    envsamp__block *b = &tree->blocks[i];
-    int k = envsamp__block_level(map, &b->rect);
-    envsamp__window w = envsamp__touched(map, k, &b->rect);
-    envsamp__bins bins = { tree->columns, tree->rows, 0, 0, 16, 16, 0.0, 0.0 };     /* one bin */
-
-    if (i + 4 < tree->block_count) {
-        envsamp__window next = envsamp__touched(map, 0, &tree->blocks[i + 4].rect);
-
-        envsamp__prefetch(map->knots + (size_t)next.y0 * map->stride + next.x0,
-                          (size_t)envsamp__min(next.x1 - next.x0, 64) * sizeof(float),
-                          map->stride * sizeof(float), envsamp__min(next.y1 - next.y0, 64));
-    }
-    if (map->levels[k].shift <= 3) {
-        b->whole = envsamp__cell_moments(map, &b->rect);
-        return;
-    }
-    envsamp__profile_clear(tree->columns, 1);
-    envsamp__profile_clear(tree->rows, 1);
-    envsamp__add_rect(map, k, &w, &b->rect, &bins);
-    b->whole = envsamp__profile_moments(tree->rows, 0, 1);
 }
 
 /* ============================================================================================
@@ -4464,7 +4312,7 @@ struct envsamp__job {
     envsamp__phase phase;
     int next;                       /* the item of the phase */
     uint32_t magic;                 /* of a finished table */
-    envsamp__sums sums;
+    envsamp__check sums;
     int (*work)(envsamp__job *job, int item);   /* of the other phases; 0 at the end of one */
 };
 
@@ -4514,7 +4362,7 @@ static int envsamp__job_item(envsamp__job *job, int item)
         return 0;
     case ENVSAMP__CHECKSUM:
         ENVSAMP_MEMCPY(&head, job->table, sizeof head);
-        more = envsamp__sums_add(job->table, ENVSAMP__SUMMED, &job->sums, &head.checksum);
+        more = envsamp__check_add(job->table, ENVSAMP__SUMMED, &job->sums, &head.checksum);
         head.magic = more ? 0 : job->magic;
         ENVSAMP_MEMCPY(job->table, &head, sizeof head);
         return more;
@@ -4567,7 +4415,7 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     tree->fine_bits = bilinear ? ENVSAMP__FINE_BITS : 0;
     tree->blocks = ENVSAMP__TAKE(envsamp__block, arena, count);
     tree->cuts = ENVSAMP__TAKE(envsamp__cut, arena, count);
-    tree->heap = ENVSAMP__TAKE(envsamp__heap_entry, arena, count);
+    tree->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, count);
     tree->columns = ENVSAMP__TAKE(envsamp__profile, arena, 1);
     tree->rows = ENVSAMP__TAKE(envsamp__profile, arena, 1);
     job->writer.stack = ENVSAMP__TAKE(envsamp__part, arena, ENVSAMP__WARP_DEPTH + 2);
@@ -4851,18 +4699,20 @@ static int envsamp__kd_split(envsamp_kd_job *job, int item)
     case ENVSAMP__CROWN:
         if (item == 0)
             envsamp__crown_begin(tree, warp ? envsamp__most_tile_bits(job->block_limit) : 0);
-        return envsamp__crown_grow(tree);
+        return envsamp__crown_step(tree);
     case ENVSAMP__TILES:
-        envsamp__find_split(tree, &tree->blocks[item]);
-        envsamp__heap_push(tree, envsamp__priority(tree, &tree->blocks[item]), (uint32_t)item);
+        if (item + 1 < tree->block_count)
+            envsamp__prefetch(tree, &tree->blocks[item + 1].rect);
+        envsamp__heap_push(&tree->heap, envsamp__search_block(tree, &tree->blocks[item]),
+                           (uint32_t)item, 1);
         return item + 1 < tree->block_count;
     case ENVSAMP__SPLITS:
-        return envsamp__grow(tree, job->block_limit);
+        return envsamp__split_step(tree, job->block_limit);
     default:
-        if (!warp && !tree->fine_bits)
-            return 0;
-        if (warp || envsamp__block_level(map, &tree->blocks[item].rect) == 0)
-            envsamp__exact_moments(tree, item);     /* else no cell was cut */
+        if (item + 2 < tree->block_count && tree->blocks[item + 2].rough)
+            envsamp__prefetch(tree, &tree->blocks[item + 2].rect);
+        if (tree->blocks[item].rough)
+            tree->blocks[item].whole = envsamp__rect_moments(map, &tree->blocks[item].rect);
         return item + 1 < tree->block_count;
     }
 }
@@ -5844,46 +5694,62 @@ static void envsamp__cdf_share(const double *weight, uint32_t count, double tota
         guide[cell] = guide[cell] < guide[cell - 1] ? guide[cell - 1] : guide[cell];
 }
 
+/* Light, sum of squares and maximum of eight cells one wide below knots `a`, in doubles. */
+static inline void envsamp__cdf_cells(const envsamp__map *map, const envsamp__row_part *part,
+                                      const float *a, double *sum, double *square, float *peak)
+{
+    const float *c = a + (map->bilinear ? map->stride : 0);
+    int next = map->bilinear, x;
+
+    for (x = 0; x < 8; x++) {
+        double a0 = (double)a[x], a1 = (double)a[x + next];
+        double r0 = (double)c[x] - a0, r1 = (double)c[x + next] - a1;
+        double m0 = a0 + part->at * r0, m1 = a1 + part->at * r1, m = m0 + m1, r = r0 + r1;
+
+        sum[x] = 0.5 * part->sr * m;
+        square[x] = part->sr / 3.0 * ((m * m - m0 * m1) + part->spread * (r * r - r0 * r1));
+    }
+    for (x = 0; x < 8; x++) {
+        float left = a[x] > c[x] ? a[x] : c[x];
+        float right = a[x + next] > c[x + next] ? a[x + next] : c[x + next];
+
+        peak[x] = left > right ? left : right;
+    }
+}
+
 /* What the cells of a row are drawn in proportion to, and what they will cost. Returns the sum of
-   the weights. Sums are kept apart by column of a chunk: loops that compilers vectorise. */
+   the weights. Sums are kept apart in eight lanes: loops that compilers vectorise. */
 static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
 {
     envsamp__map *map = &job->base.map;
     const envsamp__row_part *part = &map->rows[y];
-    envsamp__rect all = envsamp__whole_map(map);
-    double total[ENVSAMP__CHUNK] = { 0.0 }, sum[ENVSAMP__CHUNK] = { 0.0 };
-    double above[ENVSAMP__CHUNK] = { 0.0 };
-    envsamp__run *run = map->runs;
+    double total[8] = { 0.0 }, sum[8] = { 0.0 }, above[8] = { 0.0 }, light[8];
     int x0, x, side;
 
-    for (x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
-        int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
-        double *weight = job->weight + x0;
+    for (x0 = 0; x0 < map->width; x0 += 8) {
+        int count = envsamp__min(8, map->width - x0);
+        double *weight = job->weight + x0, *square = job->cell_square + x0;
+        float *peak = job->cell_max + x0;
 
-        envsamp__row_run(map, map->knots, part, &all, x0, count, run);
-        for (x = count; x < ENVSAMP__CHUNK; x++)
-            run->sum[x] = run->square[x] = run->peak[x] = 0.0f;
-        for (x = 0; x < ENVSAMP__CHUNK; x++)
-            weight[x] = map->bilinear ? envsamp__q(part->sr, run->square[x]) : run->sum[x];
+        envsamp__cdf_cells(map, part, map->knots + x0, light, square, peak);
+        for (x = count; x < 8; x++)
+            light[x] = square[x] = peak[x] = 0.0f;
         for (side = 0; side < 2 && map->bilinear; side++) {     /* cells that are half as wide */
             x = side ? map->width - 1 - x0 : -x0;
             if (x < 0 || x >= count)
                 continue;
-            weight[x] *= ENVSAMP_SQRT(0.5);
-            run->square[x] *= 0.5;
-            run->peak[x] *= 0.5f;
+            light[x] *= 0.5;
+            square[x] *= 0.25;              /* by solid angle, and in units of the width */
+            peak[x] *= 0.5f;
         }
-        for (x = 0; x < ENVSAMP__CHUNK; x++) {
+        for (x = 0; x < 8; x++) {
+            weight[x] = map->bilinear ? envsamp__q(part->sr, square[x]) : light[x];
             total[x] += weight[x];
-            sum[x] += run->sum[x];
+            sum[x] += light[x];
             above[x] += weight[x] > 0.0 ? 1.0 : 0.0;
         }
-        for (x = 0; x < ENVSAMP__CHUNK; x++) {
-            job->cell_square[x0 + x] = run->square[x];
-            job->cell_max[x0 + x] = run->peak[x];
-        }
     }
-    for (x = 1; x < ENVSAMP__CHUNK; x++) {
+    for (x = 1; x < 8; x++) {
         total[0] += total[x];
         sum[0] += sum[x];
         above[0] += above[x];

@@ -1057,7 +1057,7 @@ int main(int argc, char **argv)
     test_long(8192, 16);
     test_long(64, 1024);
     test_thin(ENVSAMP_HEMISPHERE, 65534);
-    test_thin(ENVSAMP_LATLONG, 32767);
+    test_thin(ENVSAMP_LATLONG, 16000);
     test_thin(ENVSAMP_LATLONG, 65534);
     return check_done();
 }
