@@ -1277,7 +1277,8 @@ typedef struct envsamp__check { uint64_t lane[4], at; } envsamp__check;
 
 /* Adds at most so many bytes of a table, a multiple of 32, to sums that begin as zeros. Returns 0
    when all of it is in, and its checksum. Zeros complete the last four words. */
-static int envsamp__check_add(const void *table, uint64_t most, envsamp__check *s, uint32_t *checksum)
+static int envsamp__check_add(const void *table, uint64_t most, envsamp__check *s,
+                              uint32_t *checksum)
 {
     envsamp__check sums = *s;
     envsamp__table head;
@@ -5749,6 +5750,8 @@ static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
             above[x] += weight[x] > 0.0 ? 1.0 : 0.0;
         }
     }
+    for (; x0 % ENVSAMP__CHUNK; x0++)       /* to whole chunks */
+        job->cell_square[x0] = job->cell_max[x0] = 0.0f;
     for (x = 1; x < 8; x++) {
         total[0] += total[x];
         sum[0] += sum[x];
