@@ -5828,8 +5828,10 @@ static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
         double *weight = job->weight + x0;
 
         envsamp__row_run(map, map->knots, part, &all, x0, count, run);
-        for (x = count; x < ENVSAMP__CHUNK; x++)
-            run->sum[x] = run->square[x] = run->peak[x] = 0.0f;
+        for (x = count; x < ENVSAMP__CHUNK; x++) {
+            run->sum[x] = run->square[x] = 0.0;
+            run->peak[x] = 0.0f;
+        }
         for (x = 0; x < ENVSAMP__CHUNK; x++)
             weight[x] = map->bilinear ? envsamp__q(part->sr, run->square[x]) : run->sum[x];
         for (side = 0; side < 2 && map->bilinear; side++) {     /* cells that are half as wide */
