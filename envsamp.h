@@ -3679,26 +3679,18 @@ static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
     }
 }
 
-/* Golden-section search in log2 alpha: finds the kink that a minimum of L1 is, which no sum of
-   squares has. */
-static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best, double reach)
+/* Steps in log2 alpha that grow while they lower the cost and shrink where neither way does: finds
+   the kink that a minimum of L1 is, which no sum of squares has. */
+static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best, double step)
 {
-    const double golden = 0.61803398874989484820;
-    double low = best->param[0] - reach, high = best->param[0] + reach;
-    envsamp__fit_point at[2] = { *best, *best };
-    int i, side;
+    int i;
 
-    for (i = -2; i < 30; i++) {
-        side = i < 0 ? i + 2 : at[1].cost < at[0].cost;
-        if (i >= 0) {               /* keep the better point, and probe its wider side */
-            if (side)
-                low = at[0].param[0];
-            else
-                high = at[1].param[0];
-            at[1 - side] = at[side];
-        }
-        at[side].param[0] = side ? low + golden * (high - low) : high - golden * (high - low);
-        envsamp__fit_try(fit, &at[side], best);
+    for (i = 0; i < 60 && ENVSAMP__FABS(step) > 1e-5; i++) {
+        envsamp__fit_point probe = *best;
+
+        probe.param[0] += step;
+        envsamp__fit_try(fit, &probe, best);
+        step *= best->cost == probe.cost ? 1.5 : step > 0.0 ? -1.0 : -0.4;
     }
 }
 
@@ -3709,20 +3701,17 @@ static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best
     double step = 0.5;
     int i;
 
-    for (i = 0; i < 40 && (step > 1e-3 || step < -1e-3); i++) {
+    for (i = 0; i < 40 && ENVSAMP__FABS(step) > 1e-3; i++) {
         envsamp__fit_point probe = *best;
 
-        probe.cost = DBL_MAX;
         probe.param[1] += step;
         if (probe.param[1] > 0.1 && best->param[1] > 0.1)
             probe.param[0] += envsamp__log2(probe.param[1] / best->param[1]);
-        envsamp__fit_line(fit, &probe, 1.0);
-        if (probe.cost < best->cost) {
+        probe.cost = envsamp__fit_cost(fit, probe.param, NULL);
+        envsamp__fit_line(fit, &probe, 0.25);
+        step *= probe.cost < best->cost ? 1.5 : step > 0.0 ? -1.0 : -0.4;
+        if (probe.cost < best->cost)
             *best = probe;
-            step *= 1.5;
-        } else {
-            step *= step > 0.0 ? -1.0 : -0.4;   /* the other way, then a shorter one */
-        }
     }
 }
 
@@ -3769,7 +3758,7 @@ static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
     for (i = 0; i < ENVSAMP__FIT_STARTS && starts[i].cost < DBL_MAX; i++) {
         envsamp__fit_polish(fit, &starts[i]);
         if (fit->objective == ENVSAMP_KD_L1)
-            envsamp__fit_line(fit, &starts[i], step);
+            envsamp__fit_line(fit, &starts[i], 0.5 * step);
         if (starts[i].cost < best.cost)
             best = starts[i];
     }
@@ -5733,8 +5722,10 @@ static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
         float *peak = job->cell_max + x0;
 
         envsamp__cdf_cells(map, part, map->knots + x0, light, square, peak);
-        for (x = count; x < 8; x++)
-            light[x] = square[x] = peak[x] = 0.0f;
+        for (x = count; x < 8; x++) {
+            light[x] = square[x] = 0.0;
+            peak[x] = 0.0f;
+        }
         for (side = 0; side < 2 && map->bilinear; side++) {     /* cells that are half as wide */
             x = side ? map->width - 1 - x0 : -x0;
             if (x < 0 || x >= count)
@@ -5751,7 +5742,7 @@ static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
         }
     }
     for (; x0 % ENVSAMP__CHUNK; x0++)       /* to whole chunks */
-        job->cell_square[x0] = job->cell_max[x0] = 0.0f;
+        job->cell_square[x0] = (double)(job->cell_max[x0] = 0.0f);
     for (x = 1; x < 8; x++) {
         total[0] += total[x];
         sum[0] += sum[x];

@@ -464,12 +464,13 @@ static envsamp_sample searched_draw(const envsamp_cdf *cdf, float u0, float u1)
     envsamp_sample s;
 
     t.row = search(rows, cdf->height, down);
-    edges = envsamp__cdf_edges(cdf, t.row);
+    edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, t.row);
     t.column = search(edges, cdf->width, across);
     edges += t.column;
     t.fx = envsamp__cdf_fraction(edges, across);
     t.fy = envsamp__cdf_fraction(rows + t.row, down);
-    t.pdf = (float)(int)(edges[1] - edges[0]) * envsamp__cdf_rows(cdf)[t.row].density;
+    t.pdf = (float)(int)(edges[1] - edges[0])
+          * ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows)[t.row].density;
     p = envsamp__cdf_point(cdf, t);
     s.pdf = t.pdf;
     s.uv[0] = p.x;

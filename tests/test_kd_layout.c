@@ -14,7 +14,7 @@
 /* ---- the reader: bytes alone ---- */
 
 /* Offsets of the header's fields, in bytes. */
-enum { AT_MAGIC = 0, AT_VERSION = 4, AT_BYTES = 8, AT_SELECT = 16, AT_MAPPING = 28, AT_WIDTH = 32,
+enum { AT_MAGIC = 0, AT_VERSION = 4, AT_BYTES = 16, AT_SELECT = 24, AT_MAPPING = 12, AT_WIDTH = 32,
        AT_HEIGHT = 36, AT_BLOCK_COUNT = 40, AT_ALIAS_SHIFT = 48, AT_GRID_BITS_X = 52,
        AT_GRID_BITS_Y = 56, AT_TILE_BITS_X = 60, AT_TILE_BITS_Y = 64, AT_BILINEAR = 76,
        AT_TILES = 92, AT_WARP = 96, AT_EDGES = 100, AT_PDF = 104, AT_ALIAS = 108, AT_ROOTS = 112,
@@ -303,7 +303,7 @@ static void check_header(const kd_fixture *f, const unsigned char *table, const 
     int i, wrong = 0;
 
     CHECK(table[0] == 'E' && table[1] == 'S' && table[2] == 'K' && table[3] == 'D'
-          && word(table, AT_VERSION) == 4 && word(table, AT_BYTES) == envsamp_kd_bytes(f->kd)
+          && word(table, AT_VERSION) == 5 && word(table, AT_BYTES) == envsamp_kd_bytes(f->kd)
           && word(table, AT_SELECT) == (uint32_t)f->desc.select, "%s: who it is", what);
     CHECK(word(table, AT_WIDTH) == (uint32_t)f->image.width
           && word(table, AT_HEIGHT) == (uint32_t)f->image.height
