@@ -2300,12 +2300,14 @@ static inline void envsamp__cells(const envsamp__map *map, const float *a, const
     }
 }
 
+#define ENVSAMP__SPLIT_CELLS ENVSAMP__TOP   /* read for one split; others: bench/experiments.md */
+
 /* Sums along one axis of a block, in bins. */
 typedef struct envsamp__profile {
-    double sum[ENVSAMP__TOP + 4], square[ENVSAMP__TOP + 4];
-    double weight[ENVSAMP__TOP + 4];    /* width of a column; solid angle of a row's part one cell
+    double sum[ENVSAMP__SPLIT_CELLS + 4], square[ENVSAMP__SPLIT_CELLS + 4];
+    double weight[ENVSAMP__SPLIT_CELLS + 4];    /* width of a column; solid angle of a row's part one cell
                                            of level 0 wide */
-    float peak[ENVSAMP__TOP + 4];
+    float peak[ENVSAMP__SPLIT_CELLS + 4];
 } envsamp__profile;
 
 /* ---- the pyramid ---- */
@@ -2533,7 +2535,6 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
  * block's light, otherwise its light is taken for uniform.
  * ========================================================================================== */
 
-#define ENVSAMP__SPLIT_CELLS ENVSAMP__TOP       /* others: bench/experiments.md */
 #define ENVSAMP__CUT_CELLS 512      /* so many are read at level 0 where coarser cells are cut */
 #define ENVSAMP__FLAT 1e-12         /* relative: below it a block is flat */
 #define ENVSAMP__GAIN_FLOOR 0.15    /* of its bound: what the priority of a searched block does not
