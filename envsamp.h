@@ -2305,8 +2305,8 @@ static inline void envsamp__cells(const envsamp__map *map, const float *a, const
 /* Sums along one axis of a block, in bins. */
 typedef struct envsamp__profile {
     double sum[ENVSAMP__SPLIT_CELLS + 4], square[ENVSAMP__SPLIT_CELLS + 4];
-    double weight[ENVSAMP__SPLIT_CELLS + 4];    /* width of a column; solid angle of a row's part one cell
-                                           of level 0 wide */
+    double weight[ENVSAMP__SPLIT_CELLS + 4];    /* width of a column; solid angle of a row's part
+                                                   one cell of level 0 wide */
     float peak[ENVSAMP__SPLIT_CELLS + 4];
 } envsamp__profile;
 
