@@ -2343,57 +2343,69 @@ typedef struct envsamp__run {
     float mean[ENVSAMP__CHUNK], variance[ENVSAMP__CHUNK], peak[ENVSAMP__CHUNK];
 } envsamp__run;
 
-/* Makes `count` cells, without maxima unless `peaks` is nonzero. Knots above and below the row stand at `a` and `c`; of a map that is not bilinear
-   a[x] is cell x. Floats, so that four are worked on at once, and some cells too many, up to a
-   multiple of four. Along a line through the row, the mean over its height, and the rise, are
-   linear. */
+/* Mean and variance of a cell from its knots: along a line through the row, the mean over its
+   height, and the rise, are linear. */
+static inline void envsamp__cell_mean(float a0, float a1, float c0, float c1, float at,
+                                      float spread, float *mean, float *variance)
+{
+    float r0 = c0 - a0, r1 = c1 - a1, m0 = a0 + at * r0, m1 = a1 + at * r1;
+    float dm = m1 - m0, dr = r1 - r0, rise = r0 + r1;
+
+    *mean = 0.5f * (m0 + m1);
+    *variance = 0.25f * spread * (rise * rise) + (1.0f / 12.0f) * (dm * dm + spread * (dr * dr));
+}
+
+/* Maximum between knots a and c, of the part of a row. */
+static inline float envsamp__knot_peak(float a, float c, float top, float end)
+{
+    float upper = a + top * (c - a), lower = a + end * (c - a);
+
+    return upper > lower ? upper : lower;
+}
+
+/* Makes `count` cells, without maxima unless `peaks` is nonzero. Knots above and below the row
+   stand at `a` and `c`; of a map that is not bilinear a[x] is cell x. Floats, so that four are
+   worked on at once, and some cells too many, up to a multiple of four. */
 static inline void envsamp__cells(const envsamp__map *map, const float *a, const float *c,
                                   const envsamp__row_part *part, int count, int peaks,
                                   envsamp__run *run)
 {
-    float m[ENVSAMP__CHUNK + 4], r[ENVSAMP__CHUNK + 4], high[ENVSAMP__CHUNK + 4];
     float scale = map->scale, at = (float)part->at, spread = (float)part->spread;
-    float top = (float)part->top, end = (float)part->end;
-    int i, x;
+    float top = (float)part->top, end = (float)part->end, left[4], right[4];
+    int b = map->bilinear, i, x;
 
-    for (i = 0; i < count && !map->bilinear; i += 4)
+    for (i = 0; i < count && !b; i += 4)
         for (x = i; x < i + 4; x++) {
             run->mean[x] = scale * a[x];
             run->variance[x] = 0.0f;
-            run->peak[x] = a[x];
         }
-    if (!map->bilinear)
-        return;
-    for (i = 0; i <= count; i += 4)
-        for (x = i; x < i + 4; x++) {
-            r[x] = scale * (c[x] - a[x]);
-            m[x] = scale * a[x] + at * r[x];
-        }
-    for (i = 0; i < count; i += 4)
-        for (x = i; x < i + 4; x++) {
-            float dm = m[x + 1] - m[x], dr = r[x + 1] - r[x], rise = r[x] + r[x + 1];
-
-            run->mean[x] = 0.5f * (m[x] + m[x + 1]);
-            run->variance[x] = 0.25f * spread * (rise * rise)
-                             + (1.0f / 12.0f) * (dm * dm + spread * (dr * dr));
-        }
-    for (i = 0; i <= count && peaks; i += 4)
-        for (x = i; x < i + 4; x++) {
-            float upper = a[x] + top * (c[x] - a[x]), lower = a[x] + end * (c[x] - a[x]);
-
-            high[x] = upper > lower ? upper : lower;
-        }
-    for (i = 0; i < count && peaks; i += 4)
-        for (x = i; x < i + 4; x++)
-            run->peak[x] = high[x] > high[x + 1] ? high[x] : high[x + 1];
+    for (i = 0; i < count && b; i += 4) {
+        for (x = 0; x < 4; x++)
+            envsamp__cell_mean(scale * a[i + x], scale * a[i + x + 1], scale * c[i + x],
+                               scale * c[i + x + 1], at, spread, &left[x], &right[x]);
+        for (x = 0; x < 4; x++)
+            run->mean[i + x] = left[x];
+        for (x = 0; x < 4; x++)
+            run->variance[i + x] = right[x];
+    }
+    for (i = 0; i < count && peaks; i += 4) {
+        for (x = 0; x < 4; x++)
+            left[x] = envsamp__knot_peak(a[i + x], c[i + x], top, end);
+        for (x = 0; x < 4; x++)
+            right[x] = envsamp__knot_peak(a[i + x + b], c[i + x + b], top, end);
+        for (x = 0; x < 4; x++)
+            run->peak[i + x] = left[x] > right[x] ? left[x] : right[x];
+    }
 }
+
+#define ENVSAMP__SPLIT_CELLS ENVSAMP__TOP   /* read for one split; others: bench/experiments.md */
 
 /* Sums along one axis of a block, in bins. */
 typedef struct envsamp__profile {
-    double sum[ENVSAMP__TOP + 4], square[ENVSAMP__TOP + 4];
-    double weight[ENVSAMP__TOP + 4];    /* width of a column; solid angle of a row's part one cell
-                                           of level 0 wide */
-    float peak[ENVSAMP__TOP + 4];
+    double sum[ENVSAMP__SPLIT_CELLS + 4], square[ENVSAMP__SPLIT_CELLS + 4];
+    double weight[ENVSAMP__SPLIT_CELLS + 4];    /* width of a column; solid angle of a row's part
+                                                   one cell of level 0 wide */
+    float peak[ENVSAMP__SPLIT_CELLS + 4];
 } envsamp__profile;
 
 /* ---- the pyramid ---- */
@@ -2621,7 +2633,6 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
  * block's light, otherwise its light is taken for uniform.
  * ========================================================================================== */
 
-#define ENVSAMP__SPLIT_CELLS ENVSAMP__TOP       /* others: bench/experiments.md */
 #define ENVSAMP__CUT_CELLS 512      /* so many are read at level 0 where coarser cells are cut */
 #define ENVSAMP__FLAT 1e-12         /* relative: below it a block is flat */
 #define ENVSAMP__GAIN_FLOOR 0.15    /* of its bound: what the priority of a searched block does not
@@ -2819,11 +2830,10 @@ static inline void envsamp__add_row(envsamp__sums *sums, int y, double sr,
     }
 }
 
-/* Adds `count` cells of a row, whose solid angle is `sr` but for the outer ones, which are as wide
-   as `widths` say. */
-static void envsamp__add_run(const envsamp__map *map, envsamp__run *run, int count, double sr,
-                             const double *widths, envsamp__profile *columns, int bin,
-                             envsamp__moments *row)
+/* Adds cells of a row, each `keep` times, 0 or 1; `sr` is the solid angle of one. */
+static inline void envsamp__add_run(const envsamp__map *map, const envsamp__run *run,
+                                    const float *keep, int count, double sr,
+                                    envsamp__profile *columns, int bin, envsamp__moments *row)
 {
     double scaled = sr * map->unit, unit = scaled * map->unit;
     double sum[4] = { 0.0 }, square[4] = { 0.0 };
@@ -2831,36 +2841,24 @@ static void envsamp__add_run(const envsamp__map *map, envsamp__run *run, int cou
     envsamp__moments part;
     int i, x;
 
-    for (x = count; x % 4; x++)
-        run->mean[x] = run->variance[x] = run->peak[x] = 0.0f;
-    for (i = 0; i < 2; i++)
-        if (widths[i] < 1.0) {
-            double m = (double)run->mean[x = i ? count - 1 : 0];
-
-            part.sum = scaled * widths[i] * m;
-            part.square = unit * widths[i] * (m * m + (double)run->variance[x]);
-            part.peak = run->peak[x];
-            envsamp__add_to(row, &part);
-            if (columns)
-                envsamp__add_to_bin(columns, bin + x, &part);
-            run->mean[x] = run->variance[x] = run->peak[x] = 0.0f;
-        }
     for (i = 0; i < count; i += 4) {
         double m[4], v[4];
         float top[4];
 
         for (x = 0; x < 4; x++)
-            m[x] = (double)run->mean[i + x];
+            m[x] = (double)(run->mean[i + x] * keep[i + x]);
         for (x = 0; x < 4; x++)
-            v[x] = unit * (m[x] * m[x] + (double)run->variance[i + x]);
+            v[x] = unit * (m[x] * m[x] + (double)(run->variance[i + x] * keep[i + x]));
         for (x = 0; x < 4; x++)
             m[x] *= scaled;
+        for (x = 0; x < 4; x++)
+            top[x] = run->peak[i + x] * keep[i + x];
         for (x = 0; x < 4; x++)
             sum[x] += m[x];
         for (x = 0; x < 4; x++)
             square[x] += v[x];
         for (x = 0; x < 4; x++)
-            high[x] = run->peak[i + x] > high[x] ? run->peak[i + x] : high[x];
+            high[x] = top[x] > high[x] ? top[x] : high[x];
         if (columns) {
             double *s = columns->sum + bin + i, *q = columns->square + bin + i;
             float *p = columns->peak + bin + i;
@@ -2874,7 +2872,7 @@ static void envsamp__add_run(const envsamp__map *map, envsamp__run *run, int cou
             for (x = 0; x < 4; x++)
                 q[x] = v[x];
             for (x = 0; x < 4; x++)
-                top[x] = p[x] > run->peak[i + x] ? p[x] : run->peak[i + x];
+                top[x] = p[x] > top[x] ? p[x] : top[x];
             for (x = 0; x < 4; x++)
                 p[x] = top[x];
         }
@@ -2887,48 +2885,100 @@ static void envsamp__add_run(const envsamp__map *map, envsamp__run *run, int cou
     envsamp__add_to(row, &part);
 }
 
+/* A column of cells whose edges lie between knots: behind which, and how far. */
+typedef struct envsamp__cut_column {
+    int bin, knot[2];
+    float share[2];
+    double width;
+} envsamp__cut_column;
+
+/* Its cell in a row between lines of knots. */
+static envsamp__moments envsamp__cut_cell(const envsamp__map *map, const float *upper,
+                                          const float *lower, const envsamp__row_part *part,
+                                          const envsamp__cut_column *column)
+{
+    float top = (float)part->top, end = (float)part->end, a[2], c[2], mean, variance, peak[2];
+    double sr = part->sr * column->width * map->unit, wide;
+    envsamp__moments m;
+    int i;
+
+    for (i = 0; i < 2; i++) {
+        const float *above = upper + column->knot[i], *below = lower + column->knot[i];
+
+        a[i] = above[0] + column->share[i] * (above[map->bilinear] - above[0]);
+        c[i] = below[0] + column->share[i] * (below[map->bilinear] - below[0]);
+        peak[i] = envsamp__knot_peak(a[i], c[i], top, end);
+    }
+    envsamp__cell_mean(map->scale * a[0], map->scale * a[map->bilinear], map->scale * c[0],
+                       map->scale * c[map->bilinear], (float)part->at, (float)part->spread, &mean,
+                       &variance);
+    wide = (double)mean;
+    m.sum = sr * wide;
+    m.square = sr * map->unit * (wide * wide + (double)variance);
+    m.peak = peak[0] > peak[map->bilinear] ? peak[0] : peak[map->bilinear];
+    return m;
+}
+
+/* Finds the columns of a window whose cells a rectangle cuts, at a level below 0 all. Returns how
+   many there are; `keep` is 1 for the others and 0 beyond. */
+static int envsamp__cut_columns(const envsamp__map *map, int k, const envsamp__window *w,
+                                const envsamp__rect *rect, envsamp__cut_column *cut, float *keep)
+{
+    double size = envsamp__cell_size(map, k);
+    int width = w->x1 - w->x0, count = 0, i, side;
+
+    for (i = 0; i < ((width + 3) & ~3); i++)
+        keep[i] = i < width ? 1.0f : 0.0f;
+    for (i = 0; i < width; i += k < 0 || width == 1 ? 1 : width - 1) {
+        double edge[2];
+
+        edge[0] = envsamp__max((double)(w->x0 + i) * size, rect->x0);
+        edge[1] = envsamp__min_double((double)(w->x0 + i + 1) * size, rect->x1);
+        if (edge[1] - edge[0] >= 1.0)
+            continue;
+        keep[i] = 0.0f;
+        cut[count].bin = i;
+        cut[count].width = edge[1] - edge[0];
+        for (side = 0; side < 2; side++) {
+            int knot = (int)edge[side];
+            double from = envsamp__x_edge(map, knot), gap = envsamp__x_edge(map, knot + 1) - from;
+
+            cut[count].knot[side] = knot;
+            cut[count].share[side] = (float)(gap < 1.0 && gap > 0.0 ? (edge[side] - from) / gap
+                                                                    : edge[side] - from);
+        }
+        count++;
+    }
+    return count;
+}
+
 /* Adds what of cells of level k <= 0 lies in a rectangle, ENVSAMP__CHUNK columns at most. */
 static void envsamp__add_strip(const envsamp__map *map, int k, const envsamp__window *w,
                                const envsamp__rect *rect, envsamp__sums *sums)
 {
-    double size = envsamp__cell_size(map, k), widths[2] = { 1.0, 1.0 };
-    int column[ENVSAMP__CHUNK + 1], count = w->x1 - w->x0, step = k < 0 ? 1 : count, cut, i, x, y;
-    float a[ENVSAMP__CHUNK + 4], c[ENVSAMP__CHUNK + 4], share[ENVSAMP__CHUNK + 1];
+    envsamp__cut_column cut[ENVSAMP__CHUNK];
+    float keep[ENVSAMP__CHUNK];
+    int cut_count = envsamp__cut_columns(map, k, w, rect, cut, keep), count = w->x1 - w->x0, i, y;
+    int bin = w->x0 - sums->x0;
     envsamp__run run;
 
-    for (i = 0; i <= count; i += step) {            /* where edges of columns lie between knots */
-        double at = envsamp__clamp((double)(w->x0 + i) * size, rect->x0, rect->x1);
-        double edge = envsamp__x_edge(map, (int)at), next = envsamp__x_edge(map, (int)at + 1);
-
-        column[i] = (int)at;
-        share[i] = (float)(next - edge < 1.0 ? (at - edge) / (next - edge) : at - edge);
-    }
-    for (i = 0; i < 2 && i < count; i++) {
-        x = i ? w->x1 - 1 : w->x0;
-        widths[i] = (envsamp__min_double((double)(x + 1) * size, rect->x1)
-                     - envsamp__max((double)x * size, rect->x0)) / size;
-    }
-    cut = map->bilinear && (k < 0 || share[0] > 0.0f || share[count] > 0.0f);
     for (y = w->y0; y < w->y1; y++) {
         envsamp__row_part part = envsamp__level_row(map, k, y, rect);
         const float *upper = envsamp__line(map, y >> -k);
         const float *lower = upper + (map->bilinear ? map->stride : 0);
         envsamp__moments row = { 0.0, 0.0, 0.0f };
 
-        for (i = 0; i <= count && cut && k == 0; i += 4)
-            for (x = i; x < i + 4; x++) {
-                a[x] = upper[w->x0 + x];
-                c[x] = lower[w->x0 + x];
-            }
-        for (i = 0; i <= count && cut; i += step) {
-            x = column[i];
-            a[i] = upper[x] + share[i] * (upper[x + 1] - upper[x]);
-            c[i] = lower[x] + share[i] * (lower[x + 1] - lower[x]);
+        if (cut_count < count) {
+            envsamp__cells(map, upper + w->x0, lower + w->x0, &part, count, 1, &run);
+            envsamp__add_run(map, &run, keep, count, part.sr, sums->columns, bin, &row);
         }
-        envsamp__cells(map, cut ? a : upper + w->x0, cut ? c : lower + w->x0, &part, count, 1,
-                       &run);
-        envsamp__add_run(map, &run, count, part.sr * size, widths, sums->columns,
-                         w->x0 - sums->x0, &row);
+        for (i = 0; i < cut_count; i++) {
+            envsamp__moments m = envsamp__cut_cell(map, upper, lower, &part, &cut[i]);
+
+            envsamp__add_to(&row, &m);
+            if (sums->columns)
+                envsamp__add_to_bin(sums->columns, bin + cut[i].bin, &m);
+        }
         envsamp__add_row(sums, y, part.sr, &row);
     }
 }
@@ -3005,9 +3055,9 @@ static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const env
     return sums.total;
 }
 
-/* The part in a rectangle of a cell of level k > 0 that its edges cut: as much of the cell as of its
-   solid angle, which is rough unless it is even, or exactly where that may be wrong by more than
-   `least`. */
+/* The part in a rectangle of a cell of level k > 0 that its edges cut: as much of the cell as of
+   its solid angle, which is rough unless it is even, or exactly where that may be wrong by more
+   than `least`. */
 static envsamp__moments envsamp__cell_part(const envsamp__map *map, int k, int x, int y,
                                            double row_sr, const envsamp__rect *rect,
                                            const envsamp__moments *least, int *rough)
@@ -3155,8 +3205,7 @@ static int envsamp__split_level(const envsamp__tree *tree, const envsamp__rect *
     return ENVSAMP_MEMCMP(&inner, &w, sizeof w) ? 0 : k;
 }
 
-/* Asks for the knots or cells that a search of a rectangle will read: waiting for them was half of a
-   build. */
+/* Asks for the knots or cells that a search of a rectangle will read. */
 static void envsamp__prefetch(const envsamp__tree *tree, const envsamp__rect *rect)
 {
     const envsamp__map *map = tree->map;
@@ -3225,7 +3274,8 @@ static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
     int width = w.x1 - w.x0, height = w.y1 - w.y0;
     double columns = b->rect.x1 - b->rect.x0, sr = envsamp__block_sr(b), gain;
     double sum = b->whole.sum, square = envsamp__max(b->whole.square, sum * sum / sr);
-    envsamp__moments least = { ENVSAMP__UNIFORM_SHARE * sum, ENVSAMP__UNIFORM_SHARE * square, 0.0f };
+    envsamp__moments least = { ENVSAMP__UNIFORM_SHARE * sum, ENVSAMP__UNIFORM_SHARE * square,
+                               0.0f };
     envsamp__search search = { -DBL_MAX, -1, 0 };
     envsamp__moments whole;
     const envsamp__profile *profile;
