@@ -65,6 +65,35 @@ static inline warp_leaf warp_locate(const envsamp_kd *kd, const float u[2])
     return leaf;
 }
 
+/* What a sample of (u0, u1) reads besides the header, in turn. Returns how many reads, 64 at most. */
+static inline int warp_reads(const envsamp_kd *kd, const float u[2], const void *read[64],
+                             size_t bytes[64])
+{
+    const float across = u[0] * (float)(1 << kd->tile_bits_x);
+    const float down = u[1] * (float)(1 << kd->tile_bits_y);
+    const uint32_t tile = ((uint32_t)down << kd->tile_bits_x) + (uint32_t)across;
+    const uint32_t *root = ENVSAMP__ARRAY(uint32_t, kd, roots) + tile;
+    uint32_t link = *root;
+    float f[2];
+    int count = 2;
+
+    f[0] = across - (float)(uint32_t)across;
+    f[1] = down - (float)(uint32_t)down;
+    read[0] = ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile;
+    bytes[0] = sizeof(envsamp__edges);
+    read[1] = root;
+    bytes[1] = sizeof *root;
+    while (link & ENVSAMP__INNER && count < 64) {
+        const envsamp__warp *node = ENVSAMP__ARRAY(envsamp__warp, kd, warp)
+                                  + (link & ~ENVSAMP__INNER);
+
+        read[count] = node;
+        bytes[count++] = sizeof *node;
+        link = node->child[f[envsamp__sign(node->cut)] >= ENVSAMP_FABSF(node->cut)];
+    }
+    return count;
+}
+
 static inline void warp_count_below(const envsamp_kd *kd, uint32_t link, const warp_leaf *at,
                                     warp_cuts *cuts)
 {
