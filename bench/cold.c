@@ -256,15 +256,10 @@ static int sample_lines(const envsamp_kd *kd, const float u[2])
 
         TOUCH(tile_bits_x);
         TOUCH(tile_bits_y);
-        TOUCH(tiles_at);
-        TOUCH(warp_at);
-        TOUCH(roots_at);
         for (i = 0; i < count; i++)
             touch(&set, kd, read[i], bytes[i]);
         return set.count;
     }
-    TOUCH(edges_at);
-    TOUCH(pdf_at);
     if (kd->select == ENVSAMP_KD_ALIAS) {
         TOUCH(alias_shift);
         TOUCH(alias_at);
@@ -281,37 +276,32 @@ static int sample_lines(const envsamp_kd *kd, const float u[2])
         TOUCH(fit_total);
         choice = envsamp__fit_choose(kd, u[0], u[1]);
     }
-    touch(&set, kd, ENVSAMP__ARRAY(float, kd, edges) + 4 * choice.block, 16);
-    touch(&set, kd, ENVSAMP__ARRAY(float, kd, pdf) + choice.block, 4);
+    touch(&set, kd, ENVSAMP__FIRST_ARRAY(envsamp__record, kd) + choice.block,
+          sizeof(envsamp__record));
     return set.count;
 }
 
 static int pdf_lines(const envsamp_kd *kd, const float dir[3])
 {
     line_set set = { { 0 }, 0 };
-    envsamp__diamond d = envsamp__place(kd->mapping, kd->polar_end, dir[0], dir[1], dir[2],
-                                        ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
+    envsamp__l1_coords d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1], dir[2],
+                                                ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
+    const float across = (float)(1 << kd->grid_bits_x), down = (float)(1 << kd->grid_bits_y);
     const uint32_t *cell = ENVSAMP__ARRAY(uint32_t, kd, grid)
-        + ((size_t)envsamp__index(d.polar * kd->grid_scale_y, 1u << kd->grid_bits_y)
+        + ((size_t)envsamp__index(d.polar * 0.5f * down, 1u << kd->grid_bits_y)
            << kd->grid_bits_x)
-        + envsamp__index(d.azimuth * kd->grid_scale_x, 1u << kd->grid_bits_x);
+        + envsamp__index(d.azimuth * 0.25f * across, 1u << kd->grid_bits_x);
     uint32_t link = *cell;
 
     TOUCH(mapping);
-    TOUCH(polar_end);
-    TOUCH(grid_scale_x);
-    TOUCH(grid_scale_y);
     TOUCH(grid_bits_x);
     TOUCH(grid_bits_y);
     TOUCH(grid_at);
-    TOUCH(nodes_at);
     touch(&set, kd, cell, sizeof *cell);
     while (link & ENVSAMP__INNER) {
-        const envsamp__node *node = ENVSAMP__ARRAY(envsamp__node, kd, nodes)
-                                  + (link & ~ENVSAMP__INNER);
-
-        touch(&set, kd, node, sizeof *node);
-        link = envsamp__node_step(node, envsamp__place_bits(d));
+        touch(&set, kd, ENVSAMP__UNITS(envsamp__pdf_node, kd) + (link & ~ENVSAMP__INNER),
+              sizeof(envsamp__pdf_node));
+        link = envsamp__node_step(kd, link, envsamp__coord_bits(d));
     }
     return set.count;
 }

@@ -642,7 +642,7 @@ static void test_damage(void)
             if (k == CDF) {
                 sum = envsamp__cdf_checksum((envsamp_cdf *)to);
                 memcpy((char *)to + offsetof(envsamp_cdf, checksum), &sum, 4);
-            } else if (at / 2 > 3) {
+            } else if (at / 2 > 5) {        /* not the size */
                 sum = envsamp__checksum((envsamp_kd *)to);
                 memcpy((char *)to + offsetof(envsamp_kd, checksum), &sum, 4);
             }
