@@ -4107,148 +4107,117 @@ static uint32_t envsamp__checksum(const envsamp_kd *kd)
 
 /* ---- writing the density ---- */
 
-/* The tree as nodes get it: the density of each block, and where each cut is: the number of the
-   node that has it at its top or, with ENVSAMP__LEAF, below. */
-typedef struct envsamp__pdf_writer {
-    const envsamp__tree *tree;
-    envsamp_kd *kd;
-    const float *density;
-    uint32_t *number;
-} envsamp__pdf_writer;
-
-/* The cut of a node at a cut of the tree. */
-static float envsamp__stored_node_cut(const envsamp__map *map, const envsamp__cut *cut)
-{
-    float edge = envsamp__stored_edge(map, cut->at, cut->axis);
-
-    return envsamp__node_cut(map->mapping, edge, cut->axis);
-}
-
 static uint32_t envsamp__root(const envsamp__tree *tree)
 {
     return tree->block_count > 1 ? 0 : ENVSAMP__LEAF;
 }
 
-/* Whether a link of the tree leads to a cut that was made. */
-static int envsamp__is_cut(const envsamp__tree *tree, uint32_t link)
+/* The tree while it is written. A child that is to become a node is its cut in the tree until then,
+   and such children are in a list: `pending` is the place in the table, in words, of the first, or
+   0, next[cut] of the one after it. */
+typedef struct envsamp__pdf_writer {
+    const envsamp__tree *tree;
+    envsamp_kd *kd;
+    const float *density;           /* of each block of the tree */
+    uint32_t *next, pending;
+} envsamp__pdf_writer;
+
+/* The cut that a link of the tree leads to; NULL for a block, and for cuts that were not made. */
+static const envsamp__cut *envsamp__linked_cut(const envsamp__tree *tree, uint32_t link)
 {
-    return !(link & ENVSAMP__LEAF) && tree->cuts[link].axis >= 0;
+    return link & ENVSAMP__LEAF || tree->cuts[link].axis < 0 ? NULL : &tree->cuts[link];
 }
 
-/* A link of the tree as the table has it: blocks by their density. */
-static uint32_t envsamp__pdf_link(const envsamp__pdf_writer *w, uint32_t link)
+/* Whether fewer cuts are at odd depths: then nodes begin with these, at most half of all, and the
+   root is below a node that has no other cut. Else nodes begin with those at even depths. */
+static int envsamp__odd_depths(const envsamp__pdf_writer *w)
 {
-    if (envsamp__is_cut(w->tree, link))
-        return ENVSAMP__INNER
-             | ((w->kd->nodes_at + w->number[link] * (uint32_t)sizeof(envsamp__pdf_node)) / 4);
-    while (!(link & ENVSAMP__LEAF))
-        link = w->tree->cuts[link].child[0];
-    return envsamp__float_bits(w->density[link & ~ENVSAMP__LEAF]);
-}
-
-/* Puts the cuts right below a cut before those that are pending; returns the first. */
-static uint32_t envsamp__push_cuts(const envsamp__pdf_writer *w, uint32_t cut, uint32_t pending)
-{
-    int side;
-
-    for (side = 0; side < 2; side++) {
-        uint32_t link = w->tree->cuts[cut].child[side];
-
-        if (envsamp__is_cut(w->tree, link)) {
-            w->number[link] = pending;
-            pending = link;
-        }
-    }
-    return pending;
-}
-
-/* Numbers the nodes, each before those below it. The cuts at even depths are at the top, or those
-   at odd ones if there are fewer: half of all at most, and the first node, which then has nothing
-   but the root, below. Returns whether it does. */
-static int envsamp__number_nodes(const envsamp__pdf_writer *w)
-{
-    uint32_t cut_count = (uint32_t)w->tree->block_count - 1, pending = 0, nodes = 0, c;
-    uint32_t *number = w->number, count[2] = { 0, 0 };
-    int odd, side;
+    const envsamp__tree *tree = w->tree;
+    uint32_t cut_count = (uint32_t)tree->block_count - 1, *parity = w->next, c;
+    int even = 0, side;
 
     for (c = 0; c < cut_count; c++)
-        number[c] = c ? ENVSAMP__LEAF : 0;
-    for (c = 0; c < cut_count; c++) {           /* first the parity of depths */
-        const uint32_t *child = w->tree->cuts[c].child;
-
-        for (side = 0; side < 2 && number[c] < 2; side++)
-            if (envsamp__is_cut(w->tree, child[side]))
-                number[child[side]] = 1 - number[c];
-        if (number[c] < 2)
-            count[number[c]]++;
+        parity[c] = c ? 2 : 0;
+    for (c = 0; c < cut_count; c++) {           /* children come after their parents */
+        even += parity[c] == 0;
+        even -= parity[c] == 1;
+        for (side = 0; side < 2 && parity[c] < 2; side++)
+            if (envsamp__linked_cut(tree, tree->cuts[c].child[side]))
+                parity[tree->cuts[c].child[side]] = 1 - parity[c];
     }
-    odd = count[1] + 1 < count[0] || !envsamp__is_cut(w->tree, envsamp__root(w->tree));
-    if (cut_count > 0)
-        number[0] = ENVSAMP__LEAF;
-    if (odd) {
-        nodes = 1;
-        pending = cut_count > 0 ? envsamp__push_cuts(w, 0, ENVSAMP__LEAF) : ENVSAMP__LEAF;
-    }
-    while (pending != ENVSAMP__LEAF) {
-        c = pending;
-        pending = number[c];
-        number[c] = nodes;
-        for (side = 0; side < 2; side++) {
-            uint32_t link = w->tree->cuts[c].child[side];
-
-            if (envsamp__is_cut(w->tree, link)) {
-                pending = envsamp__push_cuts(w, link, pending);
-                number[link] = ENVSAMP__LEAF | nodes;
-            }
-        }
-        nodes++;
-    }
-    return odd;
+    return cut_count == 0 || tree->cuts[0].axis < 0 || even > 1;
 }
 
-/* Half of a node: what is below its top on one side. */
-static void envsamp__write_half(const envsamp__pdf_writer *w, envsamp__pdf_node *node, int side,
+static float envsamp__tree_cut(const envsamp__map *map, const envsamp__cut *cut)
+{
+    if (!cut)
+        return 0.0f;
+    return envsamp__node_cut(map->mapping, envsamp__stored_edge(map, cut->at, cut->axis),
+                             cut->axis);
+}
+
+/* What is below the top of a node on one side. */
+static void envsamp__write_half(envsamp__pdf_writer *w, envsamp__pdf_node *node, int side,
                                 uint32_t link)
 {
-    const envsamp__cut *cut = envsamp__is_cut(w->tree, link) ? &w->tree->cuts[link] : NULL;
+    const envsamp__cut *cut = envsamp__linked_cut(w->tree, link);
+    int i;
 
-    node->cut[1 + side] = cut ? envsamp__stored_node_cut(w->tree->map, cut) : 0.0f;
-    node->child[2 * side] = envsamp__pdf_link(w, cut ? cut->child[0] : link);
-    node->child[2 * side + 1] = envsamp__pdf_link(w, cut ? cut->child[1] : link);
-}
+    node->cut[1 + side] = envsamp__tree_cut(w->tree->map, cut);
+    for (i = 0; i < 2; i++) {
+        uint32_t below = cut ? cut->child[i] : link, *child = &node->child[2 * side + i];
 
-static void envsamp__write_pdf_nodes(const envsamp__pdf_writer *w)
-{
-    envsamp__pdf_node *nodes = ENVSAMP__WRITTEN(envsamp__pdf_node, w->kd, nodes);
-    const envsamp__tree *tree = w->tree;
-    int odd = envsamp__number_nodes(w), c;
-
-    if (odd) {
-        envsamp__write_half(w, nodes, 0, envsamp__root(tree));
-        envsamp__write_half(w, nodes, 1, envsamp__root(tree));
-    }
-    for (c = 0; c < tree->block_count - 1; c++) {
-        const envsamp__cut *cut = &tree->cuts[c];
-
-        if (!(w->number[c] & ENVSAMP__LEAF)) {
-            envsamp__pdf_node *node = &nodes[w->number[c]];
-
-            node->cut[0] = envsamp__stored_node_cut(tree->map, cut);
-            envsamp__write_half(w, node, 0, cut->child[0]);
-            envsamp__write_half(w, node, 1, cut->child[1]);
+        if (envsamp__linked_cut(w->tree, below)) {
+            *child = below;
+            w->next[below] = w->pending;
+            w->pending = (uint32_t)(child - (uint32_t *)(void *)w->kd);
+        } else {
+            while (!(below & ENVSAMP__LEAF))
+                below = w->tree->cuts[below].child[0];
+            *child = envsamp__float_bits(w->density[below & ~ENVSAMP__LEAF]);
         }
     }
 }
 
-/* The deepest link below `link` whose region holds a cell of the grid. */
-static uint32_t envsamp__cell_link(const envsamp_kd *kd, uint32_t link, const float low[2],
-                                   const float high[2])
+static void envsamp__write_pdf_nodes(envsamp__pdf_writer *w)
 {
+    uint32_t *words = (uint32_t *)(void *)w->kd, at = w->kd->nodes_at / 4, *child;
+    const envsamp__cut *cut = envsamp__odd_depths(w) ? NULL : w->tree->cuts;
+
+    for (;; at += (uint32_t)sizeof(envsamp__pdf_node) / 4) {
+        envsamp__pdf_node *node = (envsamp__pdf_node *)(void *)(words + at);
+
+        node->cut[0] = envsamp__tree_cut(w->tree->map, cut);
+        if (cut)
+            envsamp__write_half(w, node, 0, cut->child[0]);
+        envsamp__write_half(w, node, 1, cut ? cut->child[1] : envsamp__root(w->tree));
+        if (!w->pending)
+            return;
+        child = words + w->pending;
+        cut = &w->tree->cuts[*child];
+        w->pending = w->next[*child];
+        *child = ENVSAMP__INNER | (at + (uint32_t)sizeof(envsamp__pdf_node) / 4);
+    }
+}
+
+/* The deepest link below `link` whose region holds some cells of the grid, which have exact
+   edges: so it is right for every point that falls in them. */
+static uint32_t envsamp__cell_link(const envsamp_kd *kd, uint32_t link, uint32_t x, uint32_t y,
+                                   uint32_t width, uint32_t height)
+{
+    float across = 4.0f / (float)(1u << kd->grid_bits_x);
+    float down = envsamp__polar_end(kd->mapping) / (float)(1u << kd->grid_bits_y);
+    float low[2], high[2];
+
+    low[0] = across * (float)x;
+    low[1] = down * (float)y;
+    high[0] = across * (float)(x + width);
+    high[1] = down * (float)(y + height);
     while (link & ENVSAMP__INNER) {
         const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, link);
-        int at = 0, level;
+        int at = 0;
 
-        for (level = 0; level < 2; level++) {
+        while (at < 3) {
             int axis = envsamp__sign(node->cut[at]);
             float cut = ENVSAMP_FABSF(node->cut[at]);
 
@@ -4261,30 +4230,18 @@ static uint32_t envsamp__cell_link(const envsamp_kd *kd, uint32_t link, const fl
     return link;
 }
 
-/* Rows of cells [y0, y1). Cells have exact edges, so a link found for a cell is right for every
-   point that falls in it. Squares of up to 8 by 8 cells come first and save their cells the way
+/* Rows of cells [y0, y1). Squares of up to 8 by 8 cells come first and save their cells the way
    down to them. */
 static void envsamp__write_grid(envsamp_kd *kd, uint32_t y0, uint32_t y1)
 {
-    uint32_t *grid = ENVSAMP__WRITTEN(uint32_t, kd, grid);
-    uint32_t columns = 1u << kd->grid_bits_x, wide = columns < 8 ? columns : 8, x0, x, y;
-    uint32_t root = ENVSAMP__INNER | kd->nodes_at / 4;
-    float width = 4.0f / (float)columns;
-    float height = envsamp__polar_end(kd->mapping) / (float)(1u << kd->grid_bits_y);
+    uint32_t *grid = ENVSAMP__WRITTEN(uint32_t, kd, grid), columns = 1u << kd->grid_bits_x, x, y;
+    uint32_t wide = columns < 8 ? columns : 8, link = 0;
 
-    for (x0 = 0; x0 < columns; x0 += wide) {
-        const float low[2] = { width * (float)x0, height * (float)y0 };
-        const float high[2] = { width * (float)(x0 + wide), height * (float)y1 };
-        uint32_t link = envsamp__cell_link(kd, root, low, high);
-
+    for (x = 0; x < columns; x++) {
+        if (x % wide == 0)
+            link = envsamp__cell_link(kd, ENVSAMP__INNER | kd->nodes_at / 4, x, y0, wide, y1 - y0);
         for (y = y0; y < y1; y++)
-            for (x = x0; x < x0 + wide; x++) {
-                const float cell_low[2] = { width * (float)x, height * (float)y };
-                const float cell_high[2] = { width * (float)(x + 1), height * (float)(y + 1) };
-
-                grid[(y << kd->grid_bits_x) + x] = envsamp__cell_link(kd, link, cell_low,
-                                                                      cell_high);
-            }
+            grid[(y << kd->grid_bits_x) + x] = envsamp__cell_link(kd, link, x, y, 1, 1);
     }
 }
 
@@ -4353,23 +4310,8 @@ static void envsamp__write_leaf(envsamp__warp_writer *w, const envsamp__part *p)
                       &w->second, &w->max_ratio);
 }
 
-/* Where a cut divides a part of the unit square that is `units` wide, in proportion to Q but for
-   rounding. A lit side gets a unit at least, a black one nothing; -1 if there are too few. */
-static int64_t envsamp__units_low(double low_q, double high_q, uint32_t units)
-{
-    double share = low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5;
-    uint32_t low = (uint32_t)(share * (double)units + 0.5);
-
-    if (low_q > 0.0 && high_q > 0.0 && units < 2)
-        return -1;
-    if (low_q > 0.0 && low < 1)
-        low = 1;
-    if (high_q > 0.0 && low > units - 1)
-        low = units - 1;
-    return (int64_t)low;
-}
-
-/* Writes the cut of a part and sets its two sides. Where the unit square has no room for it, the
+/* Writes the cut of a part and sets its two sides. It divides the part's units in proportion to Q
+   but for rounding: a lit side gets one at least, a black one none. Where there are too few, the
    part becomes one block: returns 0, and both sides are the part itself. */
 static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p,
                               envsamp__sample_node *node, envsamp__part *low, envsamp__part *high)
@@ -4377,21 +4319,26 @@ static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p,
     envsamp__cut *cut = &w->tree->cuts[p->link];
     int axis = cut->axis;
     uint32_t bits = axis ? w->kd->tile_bits_y : w->kd->tile_bits_x;
-    int64_t units = p->is_merged ? -1
-                  : envsamp__units_low(envsamp__link_q(w->tree, w->q, cut->child[0]),
-                                       envsamp__link_q(w->tree, w->q, cut->child[1]),
-                                       p->high[axis] - p->low[axis]);
+    uint32_t units = p->high[axis] - p->low[axis], cut_at;
+    double low_q = envsamp__link_q(w->tree, w->q, cut->child[0]);
+    double high_q = envsamp__link_q(w->tree, w->q, cut->child[1]);
 
     *low = *high = *p;
     low->link = cut->child[0];
     high->link = cut->child[1];
-    if (units < 0) {
+    if (p->is_merged || (low_q > 0.0 && high_q > 0.0 && units < 2)) {
         w->leaf_count += !p->is_merged;
         low->is_merged = high->is_merged = 1;
         cut->axis = -1;
         return 0;
     }
-    low->high[axis] = high->low[axis] = p->low[axis] + (uint32_t)units;
+    cut_at = (uint32_t)((low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5) * (double)units
+                        + 0.5);
+    if (low_q > 0.0 && cut_at < 1)
+        cut_at = 1;
+    if (high_q > 0.0 && cut_at > units - 1)
+        cut_at = units - 1;
+    low->high[axis] = high->low[axis] = p->low[axis] + cut_at;
     node->cut = envsamp__with_sign((float)low->high[axis] / (float)(1u << (24 - bits)), axis);
     node->edge = envsamp__stored_edge(w->tree->map, cut->at, axis);
     *(axis ? &low->edges.y1 : &low->edges.x1) = node->edge;
@@ -4846,7 +4793,7 @@ static int envsamp__kd_split(envsamp_kd_job *job, int item)
 static int envsamp__kd_write(envsamp_kd_job *job, int item)
 {
     envsamp_kd *kd = job->kd;
-    envsamp__pdf_writer nodes = { &job->tree, kd, NULL, NULL };
+    envsamp__pdf_writer nodes = { &job->tree, kd, NULL, NULL, 0 };
     uint32_t rows, high;
 
     switch (job->phase) {
@@ -4857,7 +4804,7 @@ static int envsamp__kd_write(envsamp_kd_job *job, int item)
         if (envsamp__write_samples(job, (uint32_t)item))
             return 1;
         nodes.density = job->density;
-        nodes.number = job->order;
+        nodes.next = job->order;
         envsamp__write_pdf_nodes(&nodes);
         return 0;
     case ENVSAMP__DO_GRID:
