@@ -276,7 +276,7 @@ static int sample_lines(const envsamp_kd *kd, const float u[2])
         TOUCH(fit_total);
         choice = envsamp__fit_choose(kd, u[0], u[1]);
     }
-    touch(&set, kd, ENVSAMP__FIRST_ARRAY(envsamp__record, kd) + choice.block,
+    touch(&set, kd, ENVSAMP__RECORDS(kd) + choice.block,
           sizeof(envsamp__record));
     return set.count;
 }
@@ -299,8 +299,7 @@ static int pdf_lines(const envsamp_kd *kd, const float dir[3])
     TOUCH(grid_at);
     touch(&set, kd, cell, sizeof *cell);
     while (link & ENVSAMP__INNER) {
-        touch(&set, kd, ENVSAMP__UNITS(envsamp__pdf_node, kd) + (link & ~ENVSAMP__INNER),
-              sizeof(envsamp__pdf_node));
+        touch(&set, kd, ENVSAMP__LINKED(envsamp__pdf_node, kd, link), sizeof(envsamp__pdf_node));
         link = envsamp__node_step(kd, link, envsamp__coord_bits(d));
     }
     return set.count;

@@ -23,11 +23,6 @@ static inline uint32_t warp_tile_count(const envsamp_kd *kd)
     return 1u << (kd->tile_bits_x + kd->tile_bits_y);
 }
 
-static inline const envsamp__sample_node *warp_node(const envsamp_kd *kd, uint32_t link)
-{
-    return ENVSAMP__UNITS(envsamp__sample_node, kd) + (link & ~ENVSAMP__INNER);
-}
-
 static inline void warp_take(const envsamp__sample_node *node, int high, warp_leaf *leaf)
 {
     const int axis = envsamp__sign(node->cut), side = 2 * axis + 1 - high;
@@ -72,7 +67,7 @@ static inline warp_leaf warp_locate(const envsamp_kd *kd, const float u[2])
     uint32_t link = envsamp__tile_region(kd, leaf.tile).link;
 
     while (link & ENVSAMP__INNER) {
-        const envsamp__sample_node *node = warp_node(kd, link);
+        const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, link);
         const int high = warp_is_high(node, f);
 
         warp_take(node, high, &leaf);
@@ -81,7 +76,7 @@ static inline warp_leaf warp_locate(const envsamp_kd *kd, const float u[2])
     return leaf;
 }
 
-/* What a sample of (u0, u1) reads besides the header, in turn. Returns how many reads, 64 at most. */
+/* What a sample of (u0, u1) reads besides the header, in turn. Returns how often, 64 at most. */
 static inline int warp_reads(const envsamp_kd *kd, const float u[2], const void *read[64],
                              size_t bytes[64])
 {
@@ -90,10 +85,10 @@ static inline int warp_reads(const envsamp_kd *kd, const float u[2], const void 
     uint32_t link = envsamp__tile_region(kd, tile).link;
     int count = 1;
 
-    read[0] = ENVSAMP__FIRST_ARRAY(envsamp__tile, kd) + tile;
-    bytes[0] = sizeof(envsamp__tile);
+    read[0] = ENVSAMP__RECORDS(kd) + tile;
+    bytes[0] = sizeof(envsamp__record);
     while (link & ENVSAMP__INNER && count < 64) {
-        const envsamp__sample_node *node = warp_node(kd, link);
+        const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, link);
 
         read[count] = node;
         bytes[count++] = sizeof *node;
@@ -114,7 +109,7 @@ static inline void warp_count_below(const envsamp_kd *kd, uint32_t link, const w
         return;
     }
     for (high = 0; high < 2; high++) {
-        const envsamp__sample_node *node = warp_node(kd, link);
+        const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, link);
         warp_leaf child = *at;
 
         warp_take(node, high, &child);
