@@ -69,8 +69,9 @@ product: $(BUILD)/product  ## product sampling by halftones beside BRDF and SIR,
 	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT)
 
 # MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.
-bench: $(BUILD)/bench $(BUILD)/bench_batch  ## time it against other samplers; MAP=name or file
+bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
 	$(BUILD)/bench $(MAP)
+	$(BUILD)/cold $(MAP)
 	$(BUILD)/bench_batch $(MAP)
 
 scale: $(BUILD)/scale  ## large maps by row callback, and builds in steps
@@ -182,6 +183,9 @@ $(BUILD)/exr_to_pfm: examples/common/exr_to_pfm.c examples/common/image.c exampl
 
 $(BUILD)/bench: bench/bench.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/bench.c $(TIMED) $(COMMON) -lm -o $@
+
+$(BUILD)/cold: bench/cold.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/cold.c $(TIMED) $(COMMON) -lm -o $@
 
 $(BUILD)/scale: bench/scale.c bench/input.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/scale.c bench/input.c $(COMMON) -lm -o $@

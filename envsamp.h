@@ -1994,13 +1994,13 @@ static int envsamp__edges_valid(uint32_t mapping, const envsamp__edges *e)
 typedef struct envsamp__point { float x, north, south; } envsamp__point;
 
 /* 1 - cos theta and 1 + cos theta of an edge as a table stores it. */
-typedef struct envsamp__row { float north, south; } envsamp__row;
+typedef struct envsamp__polar_pair { float north, south; } envsamp__polar_pair;
 
-ENVSAMP__HOT envsamp__row envsamp__edge_row(float y)
+ENVSAMP__HOT envsamp__polar_pair envsamp__edge_pair(float y)
 {
     float cap = ENVSAMP_FABSF(y), rest = 2.0f - cap;
     int south = envsamp__sign(y);
-    envsamp__row row;
+    envsamp__polar_pair row;
 
     row.north = south ? rest : cap;
     row.south = south ? cap : rest;
@@ -2010,7 +2010,7 @@ ENVSAMP__HOT envsamp__row envsamp__edge_row(float y)
 /* v of an edge in polar angle. */
 static float envsamp__edge_v(uint32_t mapping, float y)
 {
-    envsamp__row row = envsamp__edge_row(y);
+    envsamp__polar_pair row = envsamp__edge_pair(y);
 
     if (mapping == ENVSAMP_OCTAHEDRAL)
         return y;
@@ -2022,7 +2022,7 @@ static float envsamp__edge_v(uint32_t mapping, float y)
 ENVSAMP__HOT envsamp__point envsamp__between(float x0, float x1, float fx, float y0, float y1,
                                              float fy)
 {
-    envsamp__row top = envsamp__edge_row(y0), end = envsamp__edge_row(y1);
+    envsamp__polar_pair top = envsamp__edge_pair(y0), end = envsamp__edge_pair(y1);
     envsamp__point p;
 
     p.x = x0 + fx * (x1 - x0);
@@ -2121,7 +2121,7 @@ static float envsamp__node_cut(uint32_t mapping, float edge, int axis)
 
 /* The coordinates of nodes and grid; both 0, and `valid` 0, for what is no direction. r is
    |(x, y)|. Of an octahedral map, 4 u and 2 v. */
-typedef struct envsamp__diamond { float azimuth, polar; int valid; } envsamp__diamond;
+typedef struct envsamp__l1_coords { float azimuth, polar; int valid; } envsamp__l1_coords;
 
 /* Whether a vector is a direction: r + |z| is above zero and finite. So is then |x| + |y|, but with
    -ffast-math r, a root by estimates, may be 0 for a NaN. */
@@ -2137,10 +2137,10 @@ ENVSAMP__HOT int envsamp__is_direction(float side, float sum)
 #endif
 }
 
-ENVSAMP__HOT envsamp__diamond envsamp__to_diamond(float x, float y, float z, float r)
+ENVSAMP__HOT envsamp__l1_coords envsamp__to_l1_coords(float x, float y, float z, float r)
 {
     float side = ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum = r + ENVSAMP_FABSF(z), t, q;
-    envsamp__diamond d;
+    envsamp__l1_coords d;
 
     /* with t = |y|/(|x|+|y|): t for x above 0, 2 - t for x below, and 4 less that for y below 0 */
     t = side > 0.0f ? ENVSAMP_FABSF(y) / side : 0.0f;
@@ -2152,9 +2152,9 @@ ENVSAMP__HOT envsamp__diamond envsamp__to_diamond(float x, float y, float z, flo
     return d;
 }
 
-ENVSAMP__HOT envsamp__diamond envsamp__octahedral_place(float x, float y, float z, float r)
+ENVSAMP__HOT envsamp__l1_coords envsamp__octahedral_grid(float x, float y, float z, float r)
 {
-    envsamp__diamond d;
+    envsamp__l1_coords d;
 
     d.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), r + ENVSAMP_FABSF(z));
     envsamp__octahedral_uv(d.valid ? x + 0.0f : 0.0f, d.valid ? y + 0.0f : 0.0f, d.valid ? z : 1.0f,
@@ -2164,17 +2164,23 @@ ENVSAMP__HOT envsamp__diamond envsamp__octahedral_place(float x, float y, float 
     return d;
 }
 
-/* A direction in the coordinates of a map, of which that is the `polar_end`. */
-ENVSAMP__HOT envsamp__diamond envsamp__place(uint32_t mapping, float polar_end, float x, float y,
-                                             float z, float r)
+/* Where a map ends in these coordinates. */
+ENVSAMP__HOT float envsamp__polar_end(uint32_t mapping)
 {
-    envsamp__diamond d;
+    return mapping == ENVSAMP_HEMISPHERE ? 1.0f : 2.0f;
+}
+
+/* A direction in the coordinates of a map. */
+ENVSAMP__HOT envsamp__l1_coords envsamp__dir_to_grid(uint32_t mapping, float x, float y, float z,
+                                                     float r)
+{
+    envsamp__l1_coords d;
 
     if (mapping == ENVSAMP_OCTAHEDRAL)
-        return envsamp__octahedral_place(x, y, z, r);
-    d = envsamp__to_diamond(x, y, z, r);
+        return envsamp__octahedral_grid(x, y, z, r);
+    d = envsamp__to_l1_coords(x, y, z, r);
     if (mapping == ENVSAMP_HEMISPHERE)
-        d.valid &= d.polar <= polar_end;
+        d.valid &= d.polar <= envsamp__polar_end(mapping);
     return d;
 }
 
@@ -2198,7 +2204,7 @@ ENVSAMP__MATH double envsamp__exact_turn(double y, double x)
 /* A direction as edges are stored, in double: u, and the polar angle by its nearer pole. */
 typedef struct envsamp__exact { double x, cap; int south; } envsamp__exact;
 
-ENVSAMP__MATH envsamp__exact envsamp__exact_place(uint32_t mapping, const float dir[3])
+ENVSAMP__MATH envsamp__exact envsamp__dir_exact(uint32_t mapping, const float dir[3])
 {
     double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2];
     double length = ENVSAMP_SQRT(x * x + y * y + z * z), r, b;
@@ -3932,35 +3938,36 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  * KD TABLE                                                                 [search: @kd-table]
  *
  * One block of 32-bit words in the byte order of the machine, without pointers: the header below (a
- * double is two words), then arrays at the byte offsets that it holds, as far as the selection
- * needs them. `bits` is log2 of block_count, rounded up, and tiles stands for
- * 2^(tile_bits_x + tile_bits_y).
+ * double is two words), then arrays, as far as the selection needs them. `bits` is log2 of
+ * block_count, rounded up, and tiles stands for 2^(tile_bits_x + tile_bits_y), 1 without WARP. A
+ * sample and a density read the first 64 bytes of the header, then as few cache lines as can be;
+ * fewest if the table begins with one.
  *
- *     tiles   WARP         tiles x { float x0, x1, y0, y1 }: edges in the map. Tile
+ *     records  WARP        tiles x { float x0, x1, y0, y1; link }: edges in the map. Tile
  *                          j 2^tile_bits_x + i is cell (i, j) of a grid over the unit square, u0
  *                          across.
- *     warp    WARP         block_count - tiles x { float cut, edge; uint32 child[2] }: the cuts
+ *              ALIAS, FIT  block_count x { float x0, x1, y0, y1; link }: blocks and densities
+ *     cuts     WARP        block_count - tiles x { float cut, edge; link child[2] }: the cuts
  *                          below the tiles, tile by tile, each before the lower child's, those
  *                          before the higher child's. `cut` divides the tile's own unit square,
  *                          [0, 1], across u0, or, with a minus sign, -0 included, across u1;
  *                          from the cut on is the higher side. `edge` is its image in the map.
- *     edges   ALIAS, FIT   block_count x { float x0, x1, y0, y1 }: as those of tiles
- *     pdf     ALIAS, FIT   block_count x float, per steradian
- *     alias   ALIAS        2^bits x uint32: own << bits | alias. Leading bits of u1, then of u0 (of
+ *     alias    ALIAS       2^bits x uint32: own << bits | alias. Leading bits of u1, then of u0 (of
  *                          it one more if `bits` is odd) are the bin; where the others of u1, xor
  *                          the leading bits of ~bin 0x9e3779b9, are below own, it draws the block
  *                          of its number, else block `alias`.
- *     roots   WARP         tiles x link
- *     nodes   all          block_count x { float cut; uint32 child[2] }: the tree, for pdf(dir);
- *                          the last is not used. `cut` is an azimuth, or, with a minus sign, a
- *                          polar angle, in the coordinates below. WARP: the first tiles - 1 are
- *                          those of the crown, i above 2 i + 1 and 2 i + 2, the others as in warp.
- *     grid    all          2^(grid_bits_x + grid_bits_y) x link: the deepest whose region holds the
+ *     nodes    all         block_count / 2 + 1 x { float cut[3]; link child[4] }: the tree, for
+ *                          pdf(dir), two levels a node: cut[0], below it cut[1] and cut[2], below
+ *                          these the children in this order. A cut is an azimuth, or, with a minus
+ *                          sign, a polar angle, in the coordinates below; 0 where there is none.
+ *                          The first levels of the tree are the crown, down to the tiles.
+ *     grid     all         2^(grid_bits_x + grid_bits_y) x link: the deepest whose region holds the
  *                          cell (i, j), i along azimuth, at j 2^grid_bits_x + i
  *
- * A link is a density, a float of 0 or more, where a block is reached; otherwise, with its top bit
- * set, the index of an entry of warp (in roots and warp) or of nodes (in nodes and grid).
- *
+ * A link is a density per steradian, a float of 0 or more, where a block is reached; otherwise,
+ * with its top bit set, it leads to a cut (in records and cuts) or a node (in nodes and grid), as
+ * its place in the table in words.
+
  * An edge in azimuth is a float in turns. An edge in polar angle is 1 - cos theta above the
  * equator, and, with a minus sign, -0 included, 1 + cos theta below it: each is exact at its
  * pole, where cos theta itself has no digits left. The other one of the two is 2 less it. sin
@@ -3970,46 +3977,53 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  *
  * Nodes and grid live in coordinates that need no arc tangent and no unit length, yet grow with
  * the angles: azimuth in [0, 4] is y/(|x|+|y|) unrolled round the four quadrants, polar in [0, 2]
- * is r/(r+|z|), r = |(x, y)|, unrolled over the equator. polar_end is where the map ends: 2, or 1
- * of a hemisphere. In an octahedral map they are 4 u and 2 v.
+ * is r/(r+|z|), r = |(x, y)|, unrolled over the equator. The map ends at 2, a hemisphere at 1. In
+ * an octahedral map they are 4 u and 2 v.
  * ========================================================================================== */
 
 #define ENVSAMP__KD_MAGIC 0x444b5345u   /* "ESKD" in memory */
 #define ENVSAMP__KD_VERSION 5u
 #define ENVSAMP__INNER 0x80000000u      /* of a link: not a density */
 
-typedef struct envsamp__warp { float cut, edge; uint32_t child[2]; } envsamp__warp;
-typedef struct envsamp__node { float cut; uint32_t child[2]; } envsamp__node;
+typedef struct envsamp__record { envsamp__edges edges; uint32_t link; } envsamp__record;
+typedef struct envsamp__sample_node { float cut, edge; uint32_t child[2]; } envsamp__sample_node;
+typedef struct envsamp__pdf_node { float cut[3]; uint32_t child[4]; } envsamp__pdf_node;
 
 struct envsamp_kd {
     uint32_t magic, version, checksum, mapping; /* as every table: see envsamp__table */
     uint64_t bytes;                             /* 16 */
-    uint32_t select, model;                     /* 24: as numbered in their enums */
-    uint32_t width, height, block_count;        /* 32 */
-    uint32_t drawn_count;                       /* 44: blocks that can be drawn: FIT, the first */
-    uint32_t alias_shift;                       /* 48: 24 - log2 of the bins */
-    uint32_t grid_bits_x, grid_bits_y, tile_bits_x, tile_bits_y;    /* 52 */
-    float grid_scale_x, grid_scale_y;           /* 68: cells per unit of azimuth, of polar */
-    uint32_t bilinear;                          /* 76 */
-    float fit_alpha, fit_end;                   /* 80: FIT: alpha; the largest x of a block */
-    float fit_step;                             /* 88: LOG: of log(alpha + x), 2^-24 of u0 */
-    uint32_t tiles_at, warp_at, edges_at, pdf_at, alias_at;     /* 92 */
-    uint32_t roots_at, nodes_at, grid_at;       /* 112 */
-    float polar_end;                            /* 124: where the map ends, see nodes */
-    double integral, excess_variance, max_ratio, alpha, beta, l1;       /* 128: see info */
-    double fit_total;                           /* 176: FIT: G(n) */
-    uint64_t bad_pixel_count;                   /* 184 */
-    float mis_compensation;                     /* 192 */
-    uint32_t criterion;
+    uint32_t select;                            /* 24: as numbered in its enum */
+    uint32_t tile_bits_x, tile_bits_y;          /* 28 */
+    uint32_t alias_shift;                       /* 36: 24 - log2 of the bins */
+    uint32_t alias_at;                          /* 40: in bytes, like the other places */
+    uint32_t grid_bits_x, grid_bits_y, grid_at; /* 44 */
+    uint32_t model;                             /* 56: as numbered in its enum */
+    float fit_alpha, fit_end;                   /* 60: FIT: alpha; the largest x of a block */
+    float fit_step;                             /* 68: LOG: of log(alpha + x), 2^-24 of u0 */
+    uint32_t criterion, bilinear, width, height;    /* 72 */
+    uint32_t block_count;                       /* 88 */
+    uint32_t drawn_count;                       /* 92: blocks that can be drawn: FIT, the first */
+    uint32_t nodes_at;                          /* 96 */
+    float mis_compensation;                     /* 100 */
+    double fit_total;                           /* 104: FIT: G(n) */
+    double integral, excess_variance, max_ratio, alpha, beta, l1;       /* 112: see info */
+    uint64_t bad_pixel_count;                   /* 160 */
+    uint32_t spare[6];                          /* 168 */
 };
 
-typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 200 ? 1 : -1];
+typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 192 ? 1 : -1];
 
 /* An array of the table. */
 #define ENVSAMP__ARRAY(type, table, name) \
     ((const type *)(const void *)((const char *)(table) + (table)->name##_at))
 #define ENVSAMP__ARRAY_OUT(type, table, name) \
     ((type *)(void *)((char *)(table) + (table)->name##_at))
+
+
+/* The records, which follow the header, and what a link leads to. */
+#define ENVSAMP__RECORDS(kd) ((const envsamp__record *)(const void *)((kd) + 1))
+#define ENVSAMP__LINKED(type, kd, link) ((const type *)(const void *) \
+    ((const uint32_t *)(const void *)(kd) + ((link) & ~ENVSAMP__INNER)))
 
 /* Bits of a power of two that is at least count. */
 static uint32_t envsamp__bits(uint32_t count)
@@ -4021,6 +4035,19 @@ static uint32_t envsamp__bits(uint32_t count)
     return bits;
 }
 
+ENVSAMP__MATH uint32_t envsamp__tile_count(const envsamp_kd *kd)
+{
+    return 1u << (kd->tile_bits_x + kd->tile_bits_y);
+}
+
+/* The word that a cut of WARP begins at. */
+ENVSAMP__MATH uint32_t envsamp__cut_place(const envsamp_kd *kd, uint32_t number)
+{
+    return (uint32_t)(sizeof *kd + envsamp__tile_count(kd) * sizeof(envsamp__record)) / 4
+         + number * (uint32_t)sizeof(envsamp__sample_node) / 4;
+}
+
+/* The place of an array that follows those that end at `end`, which moves on to its end. */
 static uint32_t envsamp__allot(uint32_t *end, uint32_t count, uint32_t size)
 {
     uint32_t at = *end;
@@ -4033,115 +4060,183 @@ static uint32_t envsamp__allot(uint32_t *end, uint32_t count, uint32_t size)
 static void envsamp__kd_layout(envsamp_kd *kd)
 {
     uint32_t bits = envsamp__bits(kd->block_count), end = (uint32_t)sizeof *kd;
-    uint32_t warp = kd->select == ENVSAMP_KD_WARP, alias = kd->select == ENVSAMP_KD_ALIAS;
-    uint32_t blocks = warp ? 0 : kd->block_count;
-    uint32_t tiles = warp ? 1u << (kd->tile_bits_x + kd->tile_bits_y) : 0;
+    uint32_t tiles = kd->select == ENVSAMP_KD_WARP ? envsamp__tile_count(kd) : kd->block_count;
 
     kd->alias_shift = 24 - bits;
     kd->grid_bits_x = bits / 2 + 1;             /* up to four cells a block */
     kd->grid_bits_y = (bits + 1) / 2;
-    kd->grid_scale_x = 0.25f * (float)(1 << kd->grid_bits_x);
-    kd->polar_end = kd->mapping == ENVSAMP_HEMISPHERE ? 1.0f : 2.0f;
-    kd->grid_scale_y = (float)(1 << kd->grid_bits_y) / kd->polar_end;
     kd->fit_alpha = (float)kd->alpha;
     kd->fit_step = kd->model == ENVSAMP_KD_POWER ? 0.0f
                  : (float)(0.69314718055994530942 * kd->fit_total / (double)ENVSAMP__UNIT);
     kd->fit_end = envsamp__bits_float(envsamp__float_bits((float)kd->drawn_count) - 1);
-    kd->tiles_at = envsamp__allot(&end, tiles, 16);
-    kd->warp_at = envsamp__allot(&end, warp ? kd->block_count - tiles : 0, 16);
-    kd->edges_at = envsamp__allot(&end, blocks, 16);
-    kd->pdf_at = envsamp__allot(&end, blocks, 4);
-    kd->alias_at = envsamp__allot(&end, alias ? 1u << bits : 0, 4);
-    kd->roots_at = envsamp__allot(&end, tiles, 4);
-    kd->nodes_at = envsamp__allot(&end, kd->block_count, 12);
+    envsamp__allot(&end, tiles, sizeof(envsamp__record));
+    envsamp__allot(&end, kd->block_count - tiles, sizeof(envsamp__sample_node));
+    kd->alias_at = envsamp__allot(&end, kd->select == ENVSAMP_KD_ALIAS ? 1u << bits : 0, 4);
+    kd->nodes_at = envsamp__allot(&end, kd->block_count / 2 + 1, sizeof(envsamp__pdf_node));
     kd->grid_at = envsamp__allot(&end, 1u << (kd->grid_bits_x + kd->grid_bits_y), 4);
     kd->bytes = end;
 }
 
-/* ---- building ---- */
+/* ---- writing the density ---- */
 
-/* A child of a cut as the table knows it: blocks by their density. */
-static uint32_t envsamp__table_link(const envsamp_kd *kd, uint32_t link, const uint32_t *place)
+static uint32_t envsamp__root(const envsamp__tree *tree)
 {
-    return link & ENVSAMP__LEAF
-         ? envsamp__float_bits(ENVSAMP__ARRAY(float, kd, pdf)[place[link & ~ENVSAMP__LEAF]])
-         : ENVSAMP__INNER | link;
+    return tree->block_count > 1 ? 0 : ENVSAMP__LEAF;
 }
 
-static void envsamp__write_nodes(const envsamp_kd *kd, const envsamp__tree *tree,
-                                 const uint32_t *place, envsamp__node *nodes)
+/* The tree while it is written. A child that is to become a node is its cut in the tree until then,
+   and such children are in a list: `pending` is the place in the table, in words, of the first, or
+   0, next[cut] of the one after it. */
+typedef struct envsamp__pdf_writer {
+    const envsamp__tree *tree;
+    envsamp_kd *kd;
+    const float *density;           /* of each block of the tree */
+    uint32_t *next, pending;
+} envsamp__pdf_writer;
+
+/* The cut that a link of the tree leads to; NULL for a block, and for cuts that were not made. */
+static const envsamp__cut *envsamp__linked_cut(const envsamp__tree *tree, uint32_t link)
 {
-    uint32_t i;
+    return link & ENVSAMP__LEAF || tree->cuts[link].axis < 0 ? NULL : &tree->cuts[link];
+}
 
-    for (i = 0; i + 1 < kd->block_count; i++) {
-        const envsamp__cut *cut = &tree->cuts[i];
+/* Whether fewer cuts are at odd depths: then nodes begin with these, at most half of all, and the
+   root is below a node that has no other cut. Else nodes begin with those at even depths. */
+static int envsamp__odd_depths(const envsamp__pdf_writer *w)
+{
+    const envsamp__tree *tree = w->tree;
+    uint32_t cut_count = (uint32_t)tree->block_count - 1, *parity = w->next, c;
+    int even = 0, side;
 
-        nodes[i].cut = envsamp__node_cut(kd->mapping, envsamp__stored_edge(tree->map, cut->at,
-                                                                           cut->axis), cut->axis);
-        nodes[i].child[0] = envsamp__table_link(kd, cut->child[0], place);
-        nodes[i].child[1] = envsamp__table_link(kd, cut->child[1], place);
+    for (c = 0; c < cut_count; c++)
+        parity[c] = c ? 2 : 0;
+    for (c = 0; c < cut_count; c++) {           /* children come after their parents */
+        even += parity[c] == 0;
+        even -= parity[c] == 1;
+        for (side = 0; side < 2 && parity[c] < 2; side++)
+            if (envsamp__linked_cut(tree, tree->cuts[c].child[side]))
+                parity[tree->cuts[c].child[side]] = 1 - parity[c];
+    }
+    return cut_count == 0 || tree->cuts[0].axis < 0 || even > 1;
+}
+
+static float envsamp__tree_cut(const envsamp__map *map, const envsamp__cut *cut)
+{
+    if (!cut)
+        return 0.0f;
+    return envsamp__node_cut(map->mapping, envsamp__stored_edge(map, cut->at, cut->axis),
+                             cut->axis);
+}
+
+/* What is below the top of a node on one side. */
+static void envsamp__write_half(envsamp__pdf_writer *w, envsamp__pdf_node *node, int side,
+                                uint32_t link)
+{
+    const envsamp__cut *cut = envsamp__linked_cut(w->tree, link);
+    int i;
+
+    node->cut[1 + side] = envsamp__tree_cut(w->tree->map, cut);
+    for (i = 0; i < 2; i++) {
+        uint32_t below = cut ? cut->child[i] : link, *child = &node->child[2 * side + i];
+
+        if (envsamp__linked_cut(w->tree, below)) {
+            *child = below;
+            w->next[below] = w->pending;
+            w->pending = (uint32_t)(child - (uint32_t *)(void *)w->kd);
+        } else {
+            while (!(below & ENVSAMP__LEAF))
+                below = w->tree->cuts[below].child[0];
+            *child = envsamp__float_bits(w->density[below & ~ENVSAMP__LEAF]);
+        }
     }
 }
 
-/* The deepest link below `link` whose region holds a cell of the grid. */
-static uint32_t envsamp__cell_link(const envsamp__node *nodes, uint32_t link, float x0, float y0,
-                                   float x1, float y1)
+static void envsamp__write_pdf_nodes(envsamp__pdf_writer *w)
 {
-    while (link & ENVSAMP__INNER) {
-        const envsamp__node *node = &nodes[link & ~ENVSAMP__INNER];
-        float cut = node->cut, low = cut < 0.0f ? y0 : x0, high = cut < 0.0f ? y1 : x1;
+    uint32_t *words = (uint32_t *)(void *)w->kd, at = w->kd->nodes_at / 4, *child;
+    const envsamp__cut *cut = envsamp__odd_depths(w) ? NULL : w->tree->cuts;
 
-        cut = cut < 0.0f ? -cut : cut;
-        if (cut > low && cut < high)
-            break;
-        link = node->child[cut <= low];
+    for (;; at += (uint32_t)sizeof(envsamp__pdf_node) / 4) {
+        envsamp__pdf_node *node = (envsamp__pdf_node *)(void *)(words + at);
+
+        node->cut[0] = envsamp__tree_cut(w->tree->map, cut);
+        if (cut)
+            envsamp__write_half(w, node, 0, cut->child[0]);
+        envsamp__write_half(w, node, 1, cut ? cut->child[1] : envsamp__root(w->tree));
+        if (!w->pending)
+            return;
+        child = words + w->pending;
+        cut = &w->tree->cuts[*child];
+        w->pending = w->next[*child];
+        *child = ENVSAMP__INNER | (at + (uint32_t)sizeof(envsamp__pdf_node) / 4);
+    }
+}
+
+/* The deepest link below `link` whose region holds some cells of the grid, which have exact
+   edges: so it is right for every point that falls in them. */
+static uint32_t envsamp__cell_link(const envsamp_kd *kd, uint32_t link, uint32_t x, uint32_t y,
+                                   uint32_t width, uint32_t height)
+{
+    float across = 4.0f / (float)(1u << kd->grid_bits_x);
+    float down = envsamp__polar_end(kd->mapping) / (float)(1u << kd->grid_bits_y);
+    float low[2], high[2];
+
+    low[0] = across * (float)x;
+    low[1] = down * (float)y;
+    high[0] = across * (float)(x + width);
+    high[1] = down * (float)(y + height);
+    while (link & ENVSAMP__INNER) {
+        const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, link);
+        int at = 0;
+
+        while (at < 3) {
+            int axis = envsamp__sign(node->cut[at]);
+            float cut = ENVSAMP_FABSF(node->cut[at]);
+
+            if (cut > low[axis] && cut < high[axis])
+                return link;
+            at = 2 * at + 1 + (cut <= low[axis]);
+        }
+        link = node->child[at - 3];
     }
     return link;
 }
 
-/* Rows of cells [y0, y1). Cells have exact edges, so a link found for a cell is right for every
-   point that falls in it. Squares of up to 8 by 8 cells come first and save their cells the way
+/* Rows of cells [y0, y1). Squares of up to 8 by 8 cells come first and save their cells the way
    down to them. */
-static void envsamp__write_grid(const envsamp_kd *kd, uint32_t root, uint32_t y0, uint32_t y1,
-                                uint32_t *grid)
+static void envsamp__write_grid(envsamp_kd *kd, uint32_t y0, uint32_t y1)
 {
-    const envsamp__node *nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
-    uint32_t columns = 1u << kd->grid_bits_x, rows = 1u << kd->grid_bits_y, x0, x, y;
-    uint32_t wide = columns < 8 ? columns : 8;
-    float width = 4.0f / (float)columns, height = kd->polar_end / (float)rows;
+    uint32_t *grid = ENVSAMP__ARRAY_OUT(uint32_t, kd, grid), columns = 1u << kd->grid_bits_x, x, y;
+    uint32_t wide = columns < 8 ? columns : 8, link = 0;
 
-    for (x0 = 0; x0 < columns; x0 += wide) {
-        uint32_t link = envsamp__cell_link(nodes, root, width * (float)x0, height * (float)y0,
-                                           width * (float)(x0 + wide), height * (float)y1);
-
+    for (x = 0; x < columns; x++) {
+        if (x % wide == 0)
+            link = envsamp__cell_link(kd, ENVSAMP__INNER | kd->nodes_at / 4, x, y0, wide, y1 - y0);
         for (y = y0; y < y1; y++)
-            for (x = x0; x < x0 + wide; x++)
-                grid[(y << kd->grid_bits_x) + x] = envsamp__cell_link(
-                    nodes, link, width * (float)x, height * (float)y,
-                    width * (float)(x + 1), height * (float)(y + 1));
+            grid[(y << kd->grid_bits_x) + x] = envsamp__cell_link(kd, link, x, y, 1, 1);
     }
 }
 
-/* ---- building WARP ---- */
+/* ---- writing WARP ---- */
 
 /* A part of a tile that is to be written: a subtree, its place in the unit square in units of
-   2^-24, counted from the tile's corner, and in the map, and the links that lead to it. */
+   2^-24, counted from the tile's corner, and in the map, and the link that leads to it. A part of
+   what became one block, as the unit square had no room for its cuts, is as large as the whole. */
 typedef struct envsamp__part {
-    uint32_t link, *warp_link, *node_link;
+    uint32_t link, *child;
     uint32_t low[2], high[2];
     envsamp__edges edges;
+    int is_merged;
 } envsamp__part;
 
 typedef struct envsamp__warp_writer {
-    const envsamp__tree *tree;
+    envsamp__tree *tree;
     const double *q;                /* of each cut's subtree */
     envsamp_kd *kd;
-    envsamp__warp *warp;
-    envsamp__node *nodes;           /* those that belong to warp */
-    uint32_t warp_count, leaf_count;
+    float *density;                 /* of each block of the tree */
+    uint32_t cut_count, leaf_count;
     double second;                  /* moment of L / pdf */
     double max_ratio;
-    uint32_t root;                  /* link to the root of the nodes */
     envsamp__part *stack;           /* ENVSAMP__WARP_DEPTH + 2 */
 } envsamp__warp_writer;
 
@@ -4162,163 +4257,123 @@ static double envsamp__link_q(const envsamp__tree *tree, const double *q, uint32
     return link & ENVSAMP__LEAF ? envsamp__block_q(&tree->blocks[link & ~ENVSAMP__LEAF]) : q[link];
 }
 
-/* Moments of a subtree below a tile. */
-static envsamp__moments envsamp__subtree_moments(const envsamp__tree *tree, uint32_t link)
+/* Adds what a block costs that has a density. */
+static void envsamp__add_cost(const envsamp__moments *m, double pdf, double integral,
+                              double *second, double *max_ratio)
 {
-    uint32_t stack[ENVSAMP__WARP_DEPTH + 1];
-    envsamp__moments m = { 0.0, 0.0, 0.0f };
-    int top = 0;
-
-    stack[top++] = link;
-    while (top > 0) {
-        link = stack[--top];
-        if (link & ENVSAMP__LEAF) {
-            const envsamp__moments *part = &tree->blocks[link & ~ENVSAMP__LEAF].whole;
-
-            m.square += part->square;
-            m.peak = part->peak > m.peak ? part->peak : m.peak;
-        } else {
-            stack[top++] = tree->cuts[link].child[1];
-            stack[top++] = tree->cuts[link].child[0];
-        }
+    if (pdf > 0.0) {
+        *second += m->square / pdf;
+        *max_ratio = envsamp__max(*max_ratio, (double)m->peak / (pdf * integral));
     }
-    return m;
 }
 
 /* A block: its density is the area of its place in the unit square over its solid angle. */
 static void envsamp__write_leaf(envsamp__warp_writer *w, const envsamp__part *p)
 {
-    envsamp__moments m = envsamp__subtree_moments(w->tree, p->link);
+    uint32_t block = p->link & ~ENVSAMP__LEAF;
     double probability = (double)(p->high[0] - p->low[0]) / (double)ENVSAMP__UNIT
                        * ((double)(p->high[1] - p->low[1]) / (double)ENVSAMP__UNIT);
     float pdf = (float)(probability / envsamp__edges_sr(w->kd->mapping, &p->edges));
 
-    *p->warp_link = *p->node_link = envsamp__float_bits(pdf);
-    w->leaf_count++;
-    if (pdf > 0.0f) {
-        w->second += m.square / (double)pdf;
-        w->max_ratio = envsamp__max(w->max_ratio, (double)m.peak / ((double)pdf
-                                                                   * w->tree->map->integral));
-    }
+    *p->child = envsamp__float_bits(pdf);
+    w->density[block] = pdf;
+    w->leaf_count += !p->is_merged;
+    envsamp__add_cost(&w->tree->blocks[block].whole, (double)pdf, w->tree->map->integral,
+                      &w->second, &w->max_ratio);
 }
 
-/* Where a cut divides a part of the unit square that is `units` wide, in proportion to Q but for
-   rounding. A lit side gets a unit at least, a black one nothing; -1 if there are too few. */
-static int64_t envsamp__units_low(double low_q, double high_q, uint32_t units)
+/* Writes the cut of a part and sets its two sides. It divides the part's units in proportion to Q
+   but for rounding: a lit side gets one at least, a black one none. Where there are too few, the
+   part becomes one block: returns 0, and both sides are the part itself. */
+static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p,
+                              envsamp__sample_node *node, envsamp__part *low, envsamp__part *high)
 {
-    double share = low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5;
-    uint32_t low = (uint32_t)(share * (double)units + 0.5);
-
-    if (low_q > 0.0 && high_q > 0.0 && units < 2)
-        return -1;
-    if (low_q > 0.0 && low < 1)
-        low = 1;
-    if (high_q > 0.0 && low > units - 1)
-        low = units - 1;
-    return (int64_t)low;
-}
-
-/* Writes one cut and hands back its two parts; returns 0 where the unit square has no room for it,
-   so that its subtree becomes one block. */
-static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p, envsamp__part *low,
-                              envsamp__part *high)
-{
-    const envsamp__cut *cut = &w->tree->cuts[p->link];
+    envsamp__cut *cut = &w->tree->cuts[p->link];
     int axis = cut->axis;
-    int64_t units = envsamp__units_low(envsamp__link_q(w->tree, w->q, cut->child[0]),
-                                       envsamp__link_q(w->tree, w->q, cut->child[1]),
-                                       p->high[axis] - p->low[axis]);
-    envsamp__warp *warp = &w->warp[w->warp_count];
-    envsamp__node *node = &w->nodes[w->warp_count];
     uint32_t bits = axis ? w->kd->tile_bits_y : w->kd->tile_bits_x;
-    uint32_t first_node = (1u << w->tree->tile_bits) - 1;
-    float place;
+    uint32_t units = p->high[axis] - p->low[axis], cut_at;
+    double low_q = envsamp__link_q(w->tree, w->q, cut->child[0]);
+    double high_q = envsamp__link_q(w->tree, w->q, cut->child[1]);
 
-    if (units < 0)
-        return 0;
     *low = *high = *p;
-    low->high[axis] = high->low[axis] = p->low[axis] + (uint32_t)units;
-    place = (float)low->high[axis] / (float)(1u << (24 - bits));
-    warp->cut = envsamp__with_sign(place, axis);
-    warp->edge = envsamp__stored_edge(w->tree->map, cut->at, axis);
-    node->cut = envsamp__node_cut(w->kd->mapping, warp->edge, axis);
-    *(axis ? &low->edges.y1 : &low->edges.x1) = warp->edge;
-    *(axis ? &high->edges.y0 : &high->edges.x0) = warp->edge;
     low->link = cut->child[0];
     high->link = cut->child[1];
-    low->warp_link = &warp->child[0];
-    high->warp_link = &warp->child[1];
-    low->node_link = &node->child[0];
-    high->node_link = &node->child[1];
-    *p->warp_link = ENVSAMP__INNER | w->warp_count;
-    *p->node_link = ENVSAMP__INNER | (first_node + w->warp_count);
-    w->warp_count++;
+    if (p->is_merged || (low_q > 0.0 && high_q > 0.0 && units < 2)) {
+        w->leaf_count += !p->is_merged;
+        low->is_merged = high->is_merged = 1;
+        cut->axis = -1;
+        return 0;
+    }
+    cut_at = (uint32_t)((low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5) * (double)units
+                        + 0.5);
+    if (low_q > 0.0 && cut_at < 1)
+        cut_at = 1;
+    if (high_q > 0.0 && cut_at > units - 1)
+        cut_at = units - 1;
+    low->high[axis] = high->low[axis] = p->low[axis] + cut_at;
+    node->cut = envsamp__with_sign((float)low->high[axis] / (float)(1u << (24 - bits)), axis);
+    node->edge = envsamp__stored_edge(w->tree->map, cut->at, axis);
+    *(axis ? &low->edges.y1 : &low->edges.x1) = node->edge;
+    *(axis ? &high->edges.y0 : &high->edges.x0) = node->edge;
+    low->child = &node->child[0];
+    high->child = &node->child[1];
     return 1;
 }
 
-static void envsamp__write_tile(envsamp__warp_writer *w, const envsamp__part *tile)
-{
-    envsamp__part *stack = w->stack;
-    int top = 0;
-
-    stack[top++] = *tile;
-    while (top > 0) {
-        envsamp__part part = stack[--top];
-
-        if (part.link & ENVSAMP__LEAF
-            || !envsamp__write_cut(w, &part, &stack[top + 1], &stack[top]))
-            envsamp__write_leaf(w, &part);
-        else
-            top += 2;
-    }
-}
-
 /* The tile in column i, row j of the grid over the unit square: the way down the crown to it. */
-static void envsamp__find_tile(envsamp__warp_writer *w, uint32_t i, uint32_t j,
-                               envsamp__node *crown, uint32_t *root, envsamp__part *tile)
+static envsamp__part envsamp__find_tile(const envsamp__warp_writer *w, uint32_t i, uint32_t j)
 {
     const envsamp__tree *tree = w->tree;
-    uint32_t bits[2] = { w->kd->tile_bits_x, w->kd->tile_bits_y };
-    uint32_t at[2] = { i, j }, link = tree->block_count == 1 ? ENVSAMP__LEAF : 0;
+    uint32_t bits[2] = { w->kd->tile_bits_x, w->kd->tile_bits_y }, at[2] = { i, j };
+    envsamp__part tile;
     int level;
 
-    tile->node_link = root;
-    tile->low[0] = tile->low[1] = 0;
-    tile->high[0] = 1u << (24 - bits[0]);
-    tile->high[1] = 1u << (24 - bits[1]);
-    tile->edges.x0 = tile->edges.y0 = 0.0f;
-    tile->edges.x1 = 1.0f;
-    tile->edges.y1 = w->kd->mapping == ENVSAMP_LATLONG ? -0.0f : 1.0f;
+    ENVSAMP_MEMSET(&tile, 0, sizeof tile);
+    tile.link = envsamp__root(tree);
+    tile.high[0] = 1u << (24 - bits[0]);
+    tile.high[1] = 1u << (24 - bits[1]);
+    tile.edges.x1 = 1.0f;
+    tile.edges.y1 = w->kd->mapping == ENVSAMP_LATLONG ? -0.0f : 1.0f;
     for (level = 0; level < tree->tile_bits; level++) {
-        const envsamp__cut *cut = &tree->cuts[link];
-        int axis = cut->axis;
-        uint32_t side = at[axis] >> --bits[axis] & 1;
-        float edge = envsamp__stored_edge(tree->map, cut->at, axis);
+        const envsamp__cut *cut = &tree->cuts[tile.link];
+        uint32_t side = at[cut->axis] >> --bits[cut->axis] & 1;
+        float edge = envsamp__stored_edge(tree->map, cut->at, cut->axis);
 
-        *(axis ? side ? &tile->edges.y0 : &tile->edges.y1
-               : side ? &tile->edges.x0 : &tile->edges.x1) = edge;
-        tile->node_link = &crown[link].child[side];
-        *tile->node_link = ENVSAMP__INNER | cut->child[side];
-        crown[link].cut = envsamp__node_cut(w->kd->mapping, edge, axis);
-        link = cut->child[side];
+        *(cut->axis ? side ? &tile.edges.y0 : &tile.edges.y1
+                    : side ? &tile.edges.x0 : &tile.edges.x1) = edge;
+        tile.link = cut->child[side];
     }
-    tile->link = link;
+    return tile;
 }
 
 /* Tile i, and all below it. */
-static void envsamp__warp_tile(envsamp__warp_writer *w, uint32_t i)
+static void envsamp__write_tile(envsamp__warp_writer *w, uint32_t i)
 {
-    char *base = (char *)w->kd;
-    envsamp__edges *tiles = (envsamp__edges *)(void *)(base + w->kd->tiles_at);
-    uint32_t *roots = (uint32_t *)(void *)(base + w->kd->roots_at);
-    envsamp__node *nodes = (envsamp__node *)(void *)(base + w->kd->nodes_at);
-    uint32_t columns = 1u << w->kd->tile_bits_x;
-    envsamp__part tile;
+    envsamp_kd *kd = w->kd;
+    uint32_t columns = 1u << kd->tile_bits_x;
+    envsamp__record *tile = (envsamp__record *)(void *)(kd + 1) + i;
+    envsamp__part *stack = w->stack;
+    int top = 1;
 
-    envsamp__find_tile(w, i % columns, i / columns, nodes, &w->root, &tile);
-    tiles[i] = tile.edges;
-    tile.warp_link = &roots[i];
-    envsamp__write_tile(w, &tile);
+    stack[0] = envsamp__find_tile(w, i % columns, i / columns);
+    stack[0].child = &tile->link;
+    tile->edges = stack[0].edges;
+    while (top > 0) {
+        envsamp__part part = stack[--top];
+        uint32_t at = envsamp__cut_place(kd, w->cut_count);
+
+        if (part.link & ENVSAMP__LEAF) {
+            envsamp__write_leaf(w, &part);
+            continue;
+        }
+        if (envsamp__write_cut(w, &part, (envsamp__sample_node *)(void *)((uint32_t *)(void *)kd
+                                                                          + at),
+                               &stack[top + 1], &stack[top])) {
+            *part.child = ENVSAMP__INNER | at;
+            w->cut_count++;
+        }
+        top += 2;
+    }
 }
 
 /* ---- the build ---- */
@@ -4431,7 +4486,8 @@ struct envsamp_kd_job {
     envsamp__warp_writer writer;
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
-    uint32_t *order, *rank;         /* order[rank[block]] = block */
+    uint32_t *order;                /* blocks of the tree in the order of the table; then numbers */
+    float *density;                 /* of each block of the tree */
     uint32_t *draws, *stack;        /* ALIAS */
     envsamp_buffer lm_scratch;
 };
@@ -4461,7 +4517,7 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     job->writer.stack = ENVSAMP__TAKE(envsamp__part, arena, ENVSAMP__WARP_DEPTH + 2);
     job->probability = ENVSAMP__TAKE(double, arena, count);
     job->order = ENVSAMP__TAKE(uint32_t, arena, count);
-    job->rank = ENVSAMP__TAKE(uint32_t, arena, count);
+    job->density = ENVSAMP__TAKE(float, arena, count);
     if (desc->select == ENVSAMP_KD_ALIAS) {
         job->draws = ENVSAMP__TAKE(uint32_t, arena, count);
         job->stack = ENVSAMP__TAKE(uint32_t, arena, 1u << envsamp__bits((uint32_t)count));
@@ -4493,7 +4549,7 @@ static void envsamp__choose_alias(envsamp_kd_job *job, envsamp_kd *kd)
     int i;
 
     for (i = 0; i < tree->block_count; i++) {
-        job->order[i] = job->rank[i] = (uint32_t)i;
+        job->order[i] = (uint32_t)i;
         job->probability[i] = envsamp__block_q(&tree->blocks[i]);
     }
     envsamp__round_draws(job->probability, tree->block_count, job->draws);
@@ -4520,10 +4576,8 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
         fit.count += key[i] > 0.0;
     }
     envsamp__sort_descending(key, job->order, tree->block_count);
-    for (i = 0; i < tree->block_count; i++) {
-        job->rank[job->order[i]] = (uint32_t)i;
+    for (i = 0; i < tree->block_count; i++)
         job->target[i] = key[job->order[i]] / total;
-    }
     best = envsamp__fit_solve(&fit);
     gamma = fit.model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(best.param[1]);
     kd->alpha = envsamp__exp2(best.param[0]);
@@ -4548,82 +4602,63 @@ static double envsamp__excess(double second, double integral)
     return envsamp__max(second / integral / integral - 1.0, 0.0);
 }
 
-/* Bounds and densities in the order of the table, and what the blocks cost together. */
-static void envsamp__write_blocks(const envsamp_kd_job *job, envsamp_kd *kd)
+/* ALIAS and FIT: edges and densities in the order of the table, and what they cost together. */
+static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__map *map = &job->base.map;
-    envsamp__edges *edges = ENVSAMP__ARRAY_OUT(envsamp__edges, kd, edges);
-    float *pdf = ENVSAMP__ARRAY_OUT(float, kd, pdf);
+    envsamp__record *record = (envsamp__record *)(void *)(kd + 1);
     double second = 0.0;
     uint32_t i;
 
-    for (i = 0; i < kd->block_count; i++) {
-        const envsamp__block *b = &job->tree.blocks[job->order[i]];
-        double probability = job->probability[job->order[i]], sr;
+    for (i = 0; i < kd->block_count; i++, record++) {
+        uint32_t number = job->order[i];
+        const envsamp__block *b = &job->tree.blocks[number];
+        double probability = job->probability[number], pdf = 0.0;
 
-        edges[i].x0 = envsamp__edge_x(map, b->rect.x0);
-        edges[i].x1 = envsamp__edge_x(map, b->rect.x1);
-        edges[i].y0 = envsamp__edge_y(map, b->rect.y0);
-        edges[i].y1 = envsamp__edge_y(map, b->rect.y1);
-        sr = envsamp__edges_sr(kd->mapping, &edges[i]);
-        pdf[i] = 0.0f;                              /* not -0, which would be a link */
-        if (probability > 0.0) {
-            pdf[i] = (float)(probability / sr);
-            if (pdf[i] < FLT_MIN) {                 /* a steep fit: lit, so not zero */
-                pdf[i] = FLT_MIN;
-                probability = (double)FLT_MIN * sr;
-            }
-            second += sr * b->whole.square / probability;
-            kd->max_ratio = envsamp__max(kd->max_ratio, (double)b->whole.peak * sr
-                                                      / (probability * map->integral));
-        }
+        record->edges.x0 = envsamp__edge_x(map, b->rect.x0);
+        record->edges.x1 = envsamp__edge_x(map, b->rect.x1);
+        record->edges.y0 = envsamp__edge_y(map, b->rect.y0);
+        record->edges.y1 = envsamp__edge_y(map, b->rect.y1);
+        if (probability > 0.0)          /* of a steep fit next to 0, but lit */
+            pdf = envsamp__max(probability / envsamp__edges_sr(kd->mapping, &record->edges),
+                               (double)FLT_MIN);
+        job->density[number] = (float)pdf;
+        record->link = envsamp__float_bits((float)pdf);
+        envsamp__add_cost(&b->whole, pdf, map->integral, &second, &kd->max_ratio);
     }
     kd->excess_variance = envsamp__excess(second, map->integral);
 }
 
-/* ALIAS and FIT: blocks, chosen by number. */
-static void envsamp__write_indexed(envsamp_kd_job *job, envsamp_kd *kd)
-{
-    envsamp__kd_layout(kd);
-    envsamp__write_blocks(job, kd);
-    if (kd->select == ENVSAMP_KD_ALIAS)
-        envsamp__alias_build(job->draws, job->tree.block_count, (int)kd->alias_shift,
-                             ENVSAMP__ARRAY_OUT(uint32_t, kd, alias), job->stack);
-    envsamp__write_nodes(kd, &job->tree, job->rank, ENVSAMP__ARRAY_OUT(envsamp__node, kd, nodes));
-    job->writer.root = kd->block_count > 1 ? ENVSAMP__INNER
-                     : envsamp__float_bits(*ENVSAMP__ARRAY(float, kd, pdf));
-}
-
-/* WARP: one more tile. Where the unit square had no room for some cuts, all tiles once more, with
-   the blocks that there are. Returns 0 when all are written. */
-static int envsamp__write_warped(envsamp_kd_job *job, envsamp_kd *kd, int tile)
+/* What draws the blocks; WARP: one more tile, after the last where the other arrays are. Returns 0
+   when all is written. */
+static int envsamp__write_samples(envsamp_kd_job *job, envsamp_kd *kd, uint32_t tile)
 {
     envsamp__warp_writer *w = &job->writer;
-    int tiles = 1 << job->tree.tile_bits;
+    uint32_t tiles = envsamp__tile_count(kd);
 
-    if (tile == 0) {
-        kd->block_count = kd->drawn_count = w->leaf_count;
+    if (kd->select != ENVSAMP_KD_WARP) {
         envsamp__kd_layout(kd);
-        w->warp = ENVSAMP__ARRAY_OUT(envsamp__warp, kd, warp);
-        w->nodes = ENVSAMP__ARRAY_OUT(envsamp__node, kd, nodes) + (tiles - 1);
-        w->warp_count = w->leaf_count = 0;
-        w->second = w->max_ratio = 0.0;
-        w->root = ENVSAMP__INNER;
+        envsamp__write_blocks(job, kd);
+        if (kd->select == ENVSAMP_KD_ALIAS)
+            envsamp__alias_build(job->draws, job->tree.block_count, (int)kd->alias_shift,
+                                 ENVSAMP__ARRAY_OUT(uint32_t, kd, alias), job->stack);
+        return 0;
     }
-    envsamp__warp_tile(w, (uint32_t)tile);
+    envsamp__write_tile(w, tile);
     if (tile + 1 < tiles)
         return 1;
+    kd->block_count = kd->drawn_count = w->leaf_count;
     kd->excess_variance = envsamp__excess(w->second, job->base.map.integral);
     kd->max_ratio = w->max_ratio;
-    job->base.next = 0;
-    return w->leaf_count != kd->block_count;
+    envsamp__kd_layout(kd);
+    return 0;
 }
 
 /* How often blocks are drawn. */
 static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__source *source = &job->base.source;
-    const envsamp__tree *tree = &job->tree;
+    envsamp__tree *tree = &job->tree;
     double *q = job->probability;
     int i;
 
@@ -4639,7 +4674,7 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
         job->writer.tree = tree;
         job->writer.q = q;
         job->writer.kd = kd;
-        job->writer.leaf_count = kd->block_count;
+        job->writer.density = job->density;
         for (i = tree->block_count - 2; i >= 0; i--)    /* children come after their parents */
             q[i] = envsamp__link_q(tree, q, tree->cuts[i].child[0])
                  + envsamp__link_q(tree, q, tree->cuts[i].child[1]);
@@ -4694,7 +4729,8 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     envsamp__kd_carve(&job, image, &filled, &arena);
     envsamp__kd_head(&layout, image, &filled);
     layout.block_count = (uint32_t)job.block_limit;
-    layout.tile_bits_x = (uint32_t)envsamp__most_tile_bits(job.block_limit);
+    if (filled.select == ENVSAMP_KD_WARP)
+        layout.tile_bits_x = (uint32_t)envsamp__most_tile_bits(job.block_limit);
     envsamp__kd_layout(&layout);
     return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
@@ -4761,6 +4797,7 @@ static int envsamp__kd_work(envsamp__job *base, int item)
 {
     envsamp_kd_job *job = (envsamp_kd_job *)(void *)base;
     envsamp_kd *kd = (envsamp_kd *)base->table;
+    envsamp__pdf_writer nodes = { &job->tree, kd, NULL, NULL, 0 };
     uint32_t rows, high;
 
     switch (base->phase) {
@@ -4768,19 +4805,17 @@ static int envsamp__kd_work(envsamp__job *base, int item)
         envsamp__choose(job, kd);
         return 0;
     case ENVSAMP__WRITE:
-        if (kd->select == ENVSAMP_KD_WARP)
-            return envsamp__write_warped(job, kd, item);
-        envsamp__write_indexed(job, kd);
+        if (envsamp__write_samples(job, kd, (uint32_t)item))
+            return 1;
+        nodes.density = job->density;
+        nodes.next = job->order;
+        envsamp__write_pdf_nodes(&nodes);
         return 0;
     case ENVSAMP__GRID:
         rows = 1u << kd->grid_bits_y;
         high = rows < 8 ? rows : 8;
-        envsamp__write_grid(kd, job->writer.root, (uint32_t)item * high,
-                            (uint32_t)(item + 1) * high, ENVSAMP__ARRAY_OUT(uint32_t, kd, grid));
-        if ((uint32_t)(item + 1) * high < rows)
-            return 1;
-        ENVSAMP_MEMSET((char *)kd + kd->grid_at - sizeof(envsamp__node), 0, sizeof(envsamp__node));
-        return 0;
+        envsamp__write_grid(kd, (uint32_t)item * high, (uint32_t)(item + 1) * high);
+        return (uint32_t)(item + 1) * high < rows;
     default:
         return envsamp__kd_split(job, item);
     }
@@ -4806,6 +4841,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
         return result;
     *job = (envsamp_kd_job *)scratch.data;
     envsamp__kd_carve(*job, image, &filled, &arena);
+    ENVSAMP_MEMSET(table.data, 0, sizes.table_bytes);
     envsamp__kd_head((envsamp_kd *)table.data, image, &filled);
     envsamp__job_start(&(*job)->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user,
                        filled.strict);
@@ -4880,28 +4916,26 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
     return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);
 }
 
-/* Blocks inside the map, with finite densities. */
-static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
+/* A density that is finite, or a place from `low` on and before `end`. */
+static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t end)
 {
-    const float *edge = ENVSAMP__ARRAY(float, kd, edges), *pdf = ENVSAMP__ARRAY(float, kd, pdf);
-    uint32_t i;
+    uint32_t at = link & ~ENVSAMP__INNER;
 
-    for (i = 0; i < kd->block_count; i++) {
-        envsamp__edges edges;
-
-        ENVSAMP_MEMCPY(&edges, edge + 4 * i, sizeof edges);
-        if (!envsamp__edges_valid(kd->mapping, &edges) || !envsamp__in_range(pdf[i], 0.0f, FLT_MAX))
-            return 0;
-    }
-    return 1;
+    return link & ENVSAMP__INNER ? at >= low && at < end : link < 0x7f800000u;
 }
 
-static int envsamp__kd_alias_valid(const envsamp_kd *kd)
+/* ALIAS and FIT: blocks inside the map, with finite densities, and bins that name blocks. */
+static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
 {
+    const envsamp__record *blocks = ENVSAMP__RECORDS(kd);
     const uint32_t *bins = ENVSAMP__ARRAY(uint32_t, kd, alias);
     uint32_t room = 1u << kd->alias_shift, bits = 24 - kd->alias_shift, i;
 
-    for (i = 0; i < 1u << bits; i++) {
+    for (i = 0; i < kd->block_count; i++)
+        if (!envsamp__edges_valid(kd->mapping, &blocks[i].edges)
+            || !envsamp__link_valid(blocks[i].link, 0, 0))
+            return 0;
+    for (i = 0; i < 1u << bits && kd->select == ENVSAMP_KD_ALIAS; i++) {
         uint32_t own = bins[i] >> bits, alias = bins[i] & ((1u << bits) - 1);
 
         if (own > room || alias >= kd->block_count || (own > 0 && i >= kd->block_count))
@@ -4910,89 +4944,97 @@ static int envsamp__kd_alias_valid(const envsamp_kd *kd)
     return 1;
 }
 
-/* A density that is finite, or an index above `low` and below `count`. */
-static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t count)
-{
-    uint32_t number = link & ~ENVSAMP__INNER;
-
-    return link & ENVSAMP__INNER ? number >= low && number < count : link < 0x7f800000u;
-}
-
 /* Children come after their parents, so every descent ends. */
 static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
 {
-    const envsamp__node *nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
+    const envsamp__pdf_node *nodes = ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes);
     const uint32_t *grid = ENVSAMP__ARRAY(uint32_t, kd, grid);
-    uint32_t cells = 1u << (kd->grid_bits_x + kd->grid_bits_y), i;
+    uint32_t first = kd->nodes_at / 4, end = kd->grid_at / 4, i, k;
 
-    for (i = 0; i + 1 < kd->block_count; i++)
-        if (!envsamp__link_valid(nodes[i].child[0], i + 1, kd->block_count - 1)
-            || !envsamp__link_valid(nodes[i].child[1], i + 1, kd->block_count - 1))
-            return 0;
-    for (i = 0; i < cells; i++)
-        if (!envsamp__link_valid(grid[i], 0, kd->block_count - 1))
+    for (i = 0; first + 7 * i < end; i++)
+        for (k = 0; k < 4; k++)
+            if (!envsamp__link_valid(nodes[i].child[k], first + 7 * (i + 1), end))
+                return 0;
+    for (i = 0; i < 1u << (kd->grid_bits_x + kd->grid_bits_y); i++)
+        if (!envsamp__link_valid(grid[i], first, end))
             return 0;
     return 1;
 }
 
-/* Part of a tile while its cuts are checked. */
-typedef struct envsamp__checked { uint32_t link; float low[2], high[2]; envsamp__edges edges; }
-    envsamp__checked;
+/* ---- blocks of WARP ---- */
 
-/* Walks the cuts below a tile in the order in which they must lie. Returns how many it has met
-   with those before it, or UINT32_MAX: a link is wrong, a cut not between the edges, no multiple of
-   2^-24 or deeper than ENVSAMP__WARP_DEPTH, or a block lit that nothing draws. */
-static uint32_t envsamp__tile_valid(const envsamp_kd *kd, uint32_t link, envsamp__edges edges,
-                                    uint32_t met, uint32_t count)
+/* Part of a tile: in the tile's own unit square, in the map, and the link that leads to it. */
+typedef struct envsamp__warp_region { uint32_t link; float low[2], high[2]; envsamp__edges edges; }
+    envsamp__warp_region;
+
+ENVSAMP__MATH envsamp__warp_region envsamp__tile_region(const envsamp_kd *kd, uint32_t tile)
 {
-    const envsamp__checked tile = { link, { 0.0f, 0.0f }, { 1.0f, 1.0f }, edges };
-    envsamp__checked stack[ENVSAMP__WARP_DEPTH + 2];
-    int top = 1;
+    envsamp__warp_region r = { 0, { 0.0f, 0.0f }, { 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f, 0.0f } };
 
-    stack[0] = tile;
-    while (top > 0) {
-        envsamp__checked *high = &stack[top - 1], *low = &stack[top];
-        const envsamp__warp *warp = &ENVSAMP__ARRAY(envsamp__warp, kd, warp)[met];
-        float cut, units;
-        int axis;
-
-        if (!(envsamp__link_valid(high->link, met, met < count ? met + 1 : met)
-              && envsamp__edges_valid(kd->mapping, &high->edges)))
-            return UINT32_MAX;
-        if (!(high->link & ENVSAMP__INNER)) {
-            if (high->link && !(high->low[0] < high->high[0] && high->low[1] < high->high[1]))
-                return UINT32_MAX;
-            top--;
-            continue;
-        }
-        axis = envsamp__sign(warp->cut);
-        cut = ENVSAMP_FABSF(warp->cut);
-        units = cut * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-        if (top > ENVSAMP__WARP_DEPTH
-            || !envsamp__in_range(cut, high->low[axis], high->high[axis])
-            || (float)(int)units != units)
-            return UINT32_MAX;
-        *low = *high;
-        low->high[axis] = high->low[axis] = cut;
-        *(axis ? &low->edges.y1 : &low->edges.x1) = warp->edge;
-        *(axis ? &high->edges.y0 : &high->edges.x0) = warp->edge;
-        low->link = warp->child[0];
-        high->link = warp->child[1];
-        top++;
-        met++;
-    }
-    return met;
+    r.edges = ENVSAMP__RECORDS(kd)[tile].edges;
+    r.link = ENVSAMP__RECORDS(kd)[tile].link;
+    return r;
 }
 
+/* Makes a region that is cut its lower or its higher side. */
+ENVSAMP__MATH void envsamp__take_side(const envsamp_kd *kd, envsamp__warp_region *r, int high)
+{
+    const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, r->link);
+    int axis = envsamp__sign(node->cut);
+
+    *(high ? &r->low[axis] : &r->high[axis]) = ENVSAMP_FABSF(node->cut);
+    *(axis ? high ? &r->edges.y0 : &r->edges.y1 : high ? &r->edges.x0 : &r->edges.x1) = node->edge;
+    r->link = node->child[high];
+}
+
+/* Whether a region has edges in the map and either a density, and, if that is above 0, a place in
+   the unit square, or a cut at `at`, before `end`, which is in it and a multiple of 2^-24. */
+static int envsamp__region_valid(const envsamp_kd *kd, const envsamp__warp_region *r, uint32_t at,
+                                 uint32_t end)
+{
+    const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, at);
+    int axis;
+    float cut, units;
+
+    if (!envsamp__link_valid(r->link, at, at < end ? at + 1 : at)
+        || !envsamp__edges_valid(kd->mapping, &r->edges))
+        return 0;
+    if (!(r->link & ENVSAMP__INNER))
+        return !r->link || (r->low[0] < r->high[0] && r->low[1] < r->high[1]);
+    axis = envsamp__sign(node->cut);
+    cut = ENVSAMP_FABSF(node->cut);
+    units = cut * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+    return envsamp__in_range(cut, r->low[axis], r->high[axis]) && (float)(int)units == units;
+}
+
+/* Walks the cuts below all tiles in the order in which they must lie. */
 static int envsamp__kd_warp_valid(const envsamp_kd *kd)
 {
-    const envsamp__edges *tiles = ENVSAMP__ARRAY(envsamp__edges, kd, tiles);
-    const uint32_t *roots = ENVSAMP__ARRAY(uint32_t, kd, roots);
-    uint32_t count = 1u << (kd->tile_bits_x + kd->tile_bits_y), met = 0, i;
+    uint32_t count = envsamp__tile_count(kd), tile, at = envsamp__cut_place(kd, 0);
+    uint32_t end = envsamp__cut_place(kd, kd->block_count - count);
+    envsamp__warp_region stack[ENVSAMP__WARP_DEPTH + 2];
 
-    for (i = 0; i < count && met != UINT32_MAX; i++)
-        met = envsamp__tile_valid(kd, roots[i], tiles[i], met, kd->block_count - count);
-    return met == kd->block_count - count;
+    for (tile = 0; tile < count; tile++) {
+        int top = 1;
+
+        stack[0] = envsamp__tile_region(kd, tile);
+        while (top > 0) {
+            envsamp__warp_region *r = &stack[--top];
+
+            if (!envsamp__region_valid(kd, r, at, end))
+                return 0;
+            if (!(r->link & ENVSAMP__INNER))
+                continue;
+            if (top >= ENVSAMP__WARP_DEPTH)
+                return 0;
+            at += (uint32_t)sizeof(envsamp__sample_node) / 4;
+            stack[top + 1] = *r;
+            envsamp__take_side(kd, &stack[top + 1], 0);
+            envsamp__take_side(kd, r, 1);
+            top += 2;
+        }
+    }
+    return at == end;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, const envsamp_kd **kd)
@@ -5009,7 +5051,6 @@ ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, cons
         return result;
     if (!envsamp__kd_header_valid(header)
         || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
-        || (header->select == ENVSAMP_KD_ALIAS && !envsamp__kd_alias_valid(header))
         || !(header->select == ENVSAMP_KD_WARP ? envsamp__kd_warp_valid(header)
                                                : envsamp__kd_blocks_valid(header))
         || !envsamp__kd_nodes_valid(header))
@@ -5079,7 +5120,6 @@ ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0,
     double g = (double)u0 * kd->fit_total;
     float low = u1 * 4096.0f + 0.5f, x;
     envsamp__choice choice;
-    int x_whole;
 
     low -= (float)(int)low;
     if (kd->model == ENVSAMP_KD_POWER)
@@ -5088,39 +5128,54 @@ ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0,
     x = kd->fit_alpha * envsamp__exp2m1(g);
     x += low * kd->fit_step * (kd->fit_alpha + x);
     x = envsamp__at_most(x > 0.0f ? x : 0.0f, kd->fit_end);
-    x_whole = (int)x;
-    choice.block = x_whole;
-    choice.fx = envsamp__fit_position(kd, x - (float)x_whole, kd->fit_alpha + (float)x_whole);
+    choice.block = (int)x;
+    choice.fx = envsamp__fit_position(kd, x - (float)choice.block,
+                                      kd->fit_alpha + (float)choice.block);
     choice.fy = u1;
     return choice;
 }
 
-/* The point of a choice. Indices are written so that compilers make them gathers. */
-ENVSAMP__HOT envsamp__point envsamp__block_point(const envsamp_kd *kd, envsamp__choice choice)
+/* ALIAS and FIT: a point and its density. Indices are written so that compilers make them
+   gathers. */
+ENVSAMP__HOT envsamp__point envsamp__indexed_sample(const envsamp_kd *kd, int alias, float u0,
+                                                    float u1, float *pdf)
 {
-    const float *edge = ENVSAMP__ARRAY(float, kd, edges);
-    int at = 4 * choice.block;
+    const float *block = (const float *)(const void *)ENVSAMP__RECORDS(kd);
+    envsamp__choice choice = alias ? envsamp__alias_choose(kd, u0, u1)
+                                   : envsamp__fit_choose(kd, u0, u1);
+    int at = 5 * choice.block;
 
-    return envsamp__between(edge[at], edge[at + 1], choice.fx, edge[at + 2], edge[at + 3],
-                             choice.fy);
+    *pdf = block[at + 4];
+    return envsamp__between(block[at], block[at + 1], choice.fx, block[at + 2], block[at + 3],
+                            choice.fy);
 }
 
 /* The way down from a tile. f: place in the tile, across u0 and u1. cut and edge: the edges so
-   far in the unit square and in the map, in the order x0, x1, y0, y1; `stride` apart, like f. */
-ENVSAMP__HOT int envsamp__warp_start(const envsamp_kd *kd, float u0, float u1, float *f0,
-                                     float *f1)
+   far in the unit square and in the map, in the order x0, x1, y0, y1; `stride` apart, like f.
+   Returns the tile's link. */
+ENVSAMP__HOT uint32_t envsamp__warp_start(const envsamp_kd *kd, float *f, float *cut, float *edge,
+                                          size_t stride)
 {
-    float across = u0 * (float)(1 << kd->tile_bits_x), down = u1 * (float)(1 << kd->tile_bits_y);
-    int column = (int)across, row = (int)down;
+    float across = f[0] * (float)(1 << kd->tile_bits_x);
+    float down = f[stride] * (float)(1 << kd->tile_bits_y);
+    int column = (int)across, row = (int)down, k;
+    const envsamp__record *tile = ENVSAMP__RECORDS(kd) + ((row << kd->tile_bits_x) + column);
 
-    *f0 = across - (float)column;
-    *f1 = down - (float)row;
-    return (row << kd->tile_bits_x) + column;
+    f[0] = across - (float)column;
+    f[stride] = down - (float)row;
+    edge[0] = tile->edges.x0;
+    edge[stride] = tile->edges.x1;
+    edge[2 * stride] = tile->edges.y0;
+    edge[3 * stride] = tile->edges.y1;
+    for (k = 0; k < 4; k++)
+        cut[(size_t)k * stride] = (float)(k & 1);
+    return tile->link;
 }
 
-ENVSAMP__HOT uint32_t envsamp__warp_step(const envsamp__warp *node, const float *f, float *cut,
-                                         float *edge, size_t stride)
+ENVSAMP__HOT uint32_t envsamp__warp_step(const envsamp_kd *kd, uint32_t link, const float *f,
+                                         float *cut, float *edge, size_t stride)
 {
+    const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, link);
     uint32_t axis = envsamp__float_bits(node->cut) >> 31;
     float at = ENVSAMP_FABSF(node->cut);
     uint32_t high = f[axis * stride] >= at;
@@ -5138,30 +5193,19 @@ ENVSAMP__HOT envsamp__point envsamp__warp_point(const float *f, const float *cut
                             (f[stride] - cut[2 * stride]) / (cut[3 * stride] - cut[2 * stride]));
 }
 
-/* The point and the density of (u0, u1). */
 ENVSAMP__HOT envsamp__point envsamp__warp_sample(const envsamp_kd *kd, float u0, float u1,
                                                  float *pdf)
 {
-    const envsamp__warp *nodes = ENVSAMP__ARRAY(envsamp__warp, kd, warp);
-    float f[2], cut[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, edge[4];
-    int tile = envsamp__warp_start(kd, u0, u1, &f[0], &f[1]);
-    uint32_t link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
+    float f[2], cut[4], edge[4];
+    uint32_t link;
 
-    ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
+    f[0] = u0;
+    f[1] = u1;
+    link = envsamp__warp_start(kd, f, cut, edge, 1);
     while (link & ENVSAMP__INNER)
-        link = envsamp__warp_step(&nodes[link & ~ENVSAMP__INNER], f, cut, edge, 1);
+        link = envsamp__warp_step(kd, link, f, cut, edge, 1);
     *pdf = envsamp__bits_float(link);
     return envsamp__warp_point(f, cut, edge, 1);
-}
-
-ENVSAMP__HOT envsamp__point envsamp__listed_sample(const envsamp_kd *kd, float u0, float u1,
-                                                   float *pdf)
-{
-    envsamp__choice choice = kd->select == ENVSAMP_KD_ALIAS ? envsamp__alias_choose(kd, u0, u1)
-                                                            : envsamp__fit_choose(kd, u0, u1);
-
-    *pdf = ENVSAMP__ARRAY(float, kd, pdf)[choice.block];
-    return envsamp__block_point(kd, choice);
 }
 
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0,
@@ -5174,7 +5218,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd
     u0 = envsamp__clamp_unit(u0);
     u1 = envsamp__clamp_unit(u1);
     p = kd->select == ENVSAMP_KD_WARP ? envsamp__warp_sample(kd, u0, u1, &pdf)
-                                      : envsamp__listed_sample(kd, u0, u1, &pdf);
+      : envsamp__indexed_sample(kd, kd->select == ENVSAMP_KD_ALIAS, u0, u1, &pdf);
     return envsamp__point_sample(kd->mapping, p, pdf);
 }
 
@@ -5190,233 +5234,212 @@ ENVSAMP__HOT void envsamp__batch_put(envsamp__batch *batch, int i, envsamp__poin
     batch->at[3 * ENVSAMP__BATCH + i] = pdf;
 }
 
-ENVSAMP__HOT void envsamp__alias_batch(const envsamp_kd *kd, int n, const float *u0,
-                                       const float *u1, envsamp__batch *out)
+ENVSAMP__HOT void envsamp__indexed_batch(const envsamp_kd *kd, int alias, const float *u,
+                                         envsamp__batch *out)
 {
-    const float *pdf = ENVSAMP__ARRAY(float, kd, pdf);
     int i;
 
-    for (i = 0; i < n; i++) {
-        envsamp__choice choice = envsamp__alias_choose(kd, u0[i], u1[i]);
-        envsamp__point p = envsamp__block_point(kd, choice);
+    for (i = 0; i < ENVSAMP__BATCH; i++) {
+        float pdf;
+        envsamp__point p = envsamp__indexed_sample(kd, alias, u[i], u[ENVSAMP__BATCH + i], &pdf);
 
-        envsamp__batch_put(out, i, p, pdf[choice.block]);
+        envsamp__batch_put(out, i, p, pdf);
     }
 }
 
-ENVSAMP__HOT void envsamp__fit_batch(const envsamp_kd *kd, int n, const float *u0, const float *u1,
-                                     envsamp__batch *out)
+/* Lists those of a batch whose link leads on; returns how many. */
+ENVSAMP__HOT int envsamp__under_way(const uint32_t *link, int *list)
 {
-    const float *pdf = ENVSAMP__ARRAY(float, kd, pdf);
-    int i;
+    int count = 0, i;
 
-    for (i = 0; i < n; i++) {
-        envsamp__choice choice = envsamp__fit_choose(kd, u0[i], u1[i]);
-        envsamp__point p = envsamp__block_point(kd, choice);
-
-        envsamp__batch_put(out, i, p, pdf[choice.block]);
+    for (i = 0; i < ENVSAMP__BATCH; i++) {
+        list[count] = i;
+        count += (int)(link[i] >> 31);
     }
+    return count;
 }
 
 /* First the tiles of all, then, among those still on their way, one cut at a time. f: the numbers,
    which become fractions of blocks. */
-ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, int n, float *f, envsamp__batch *out)
+ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, envsamp__batch *out)
 {
-    const float *tiles = ENVSAMP__ARRAY(float, kd, tiles);
-    const uint32_t *roots = ENVSAMP__ARRAY(uint32_t, kd, roots);
-    const envsamp__warp *nodes = ENVSAMP__ARRAY(envsamp__warp, kd, warp);
     float *cut = out->at, edge[4 * ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
-    int under_way[ENVSAMP__BATCH], count = 0, left, i, k;
+    int list[ENVSAMP__BATCH], count, left, i, k;
 
-    for (i = 0; i < n; i++) {
-        float *fx = &f[i], *fy = &f[ENVSAMP__BATCH + i];
-        int tile = envsamp__warp_start(kd, *fx, *fy, fx, fy);
-
-        link[i] = roots[tile];
-        for (k = 0; k < 4; k++) {
-            edge[k * ENVSAMP__BATCH + i] = tiles[4 * tile + k];
-            cut[k * ENVSAMP__BATCH + i] = (float)(k & 1);
-        }
-    }
-    for (i = 0; i < n; i++) {
-        under_way[count] = i;
-        count += (int)(link[i] >> 31);
-    }
-    for (; count > 0; count = left)
+    for (i = 0; i < ENVSAMP__BATCH; i++)
+        link[i] = envsamp__warp_start(kd, f + i, cut + i, edge + i, ENVSAMP__BATCH);
+    for (count = envsamp__under_way(link, list); count > 0; count = left)
         for (k = left = 0; k < count; k++) {
-            i = under_way[k];
-            link[i] = envsamp__warp_step(&nodes[link[i] & ~ENVSAMP__INNER], f + i, cut + i,
-                                         edge + i, ENVSAMP__BATCH);
-            under_way[left] = i;
+            i = list[k];
+            link[i] = envsamp__warp_step(kd, link[i], f + i, cut + i, edge + i, ENVSAMP__BATCH);
+            list[left] = i;
             left += (int)(link[i] >> 31);
         }
-    for (i = 0; i < n; i++) {
-        envsamp__point p = envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH);
-
-        envsamp__batch_put(out, i, p, envsamp__bits_float(link[i]));
-    }
+    for (i = 0; i < ENVSAMP__BATCH; i++)
+        envsamp__batch_put(out, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
+                           envsamp__bits_float(link[i]));
 }
 
-ENVSAMP__HOT void envsamp__sample_batch(const envsamp_kd *kd, int n, const float *u0,
-                                        const float *u1, float *x, float *y, float *z, float *pdf)
+/* A function, not inlined: a whole batch at a time, and what is left filled up with zeros. */
+static void envsamp__sample_batch(const envsamp_kd *kd, const float *u0, const float *u1, float *x,
+                                  float *y, float *z, float *pdf)
 {
-    float u[2 * ENVSAMP__BATCH], *v = u + ENVSAMP__BATCH;
+    float u[2 * ENVSAMP__BATCH];
     envsamp__batch batch;
     int i;
 
-    for (i = 0; i < n; i++) {
+    for (i = 0; i < ENVSAMP__BATCH; i++) {
         u[i] = envsamp__clamp_unit(u0[i]);
-        v[i] = envsamp__clamp_unit(u1[i]);
+        u[ENVSAMP__BATCH + i] = envsamp__clamp_unit(u1[i]);
     }
     if (kd->select == ENVSAMP_KD_WARP)
-        envsamp__warp_batch(kd, n, u, &batch);
+        envsamp__warp_batch(kd, u, &batch);
     else if (kd->select == ENVSAMP_KD_ALIAS)
-        envsamp__alias_batch(kd, n, u, v, &batch);
+        envsamp__indexed_batch(kd, 1, u, &batch);
     else
-        envsamp__fit_batch(kd, n, u, v, &batch);
-    envsamp__point_dirs(kd->mapping, n, batch.at, x, y, z);
-    for (i = 0; i < n; i++)
+        envsamp__indexed_batch(kd, 0, u, &batch);
+    envsamp__point_dirs(kd->mapping, ENVSAMP__BATCH, batch.at, x, y, z);
+    for (i = 0; i < ENVSAMP__BATCH; i++)
         pdf[i] = batch.at[3 * ENVSAMP__BATCH + i];
 }
 
 ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
                                      const float *u1, float *x, float *y, float *z, float *pdf)
 {
-    size_t i;
+    float in[2 * ENVSAMP__BATCH] = { 0.0f }, out[4 * ENVSAMP__BATCH];
+    size_t i, rest = n % ENVSAMP__BATCH, bytes = rest * sizeof *in;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
     for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
-        envsamp__sample_batch(kd, ENVSAMP__BATCH, u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
-    if (i < n)
-        envsamp__sample_batch(kd, (int)(n - i), u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
+        envsamp__sample_batch(kd, u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
+    if (rest == 0)
+        return;
+    ENVSAMP_MEMCPY(in, u0 + i, bytes);
+    ENVSAMP_MEMCPY(in + ENVSAMP__BATCH, u1 + i, bytes);
+    envsamp__sample_batch(kd, in, in + ENVSAMP__BATCH, out, out + ENVSAMP__BATCH,
+                          out + 2 * ENVSAMP__BATCH, out + 3 * ENVSAMP__BATCH);
+    ENVSAMP_MEMCPY(x + i, out, bytes);
+    ENVSAMP_MEMCPY(y + i, out + ENVSAMP__BATCH, bytes);
+    ENVSAMP_MEMCPY(z + i, out + 2 * ENVSAMP__BATCH, bytes);
+    ENVSAMP_MEMCPY(pdf + i, out + 3 * ENVSAMP__BATCH, bytes);
 }
 
 /* ---- density ---- */
 
 /* The link of the grid at a place. */
-ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__diamond d)
+ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__l1_coords d)
 {
-    uint32_t column = envsamp__index(d.azimuth * kd->grid_scale_x, 1u << kd->grid_bits_x);
-    uint32_t row = envsamp__index(d.polar * kd->grid_scale_y, 1u << kd->grid_bits_y);
+    float columns = (float)(1 << kd->grid_bits_x), rows = (float)(1 << kd->grid_bits_y);
+    float scale = kd->mapping == ENVSAMP_HEMISPHERE ? rows : 0.5f * rows;
+    uint32_t column = envsamp__index(d.azimuth * (0.25f * columns), 1u << kd->grid_bits_x);
+    uint32_t row = envsamp__index(d.polar * scale, 1u << kd->grid_bits_y);
     int cell = (int)((row << kd->grid_bits_x) + column);
 
     return ENVSAMP__ARRAY(uint32_t, kd, grid)[cell] & (0u - (uint32_t)d.valid);
 }
 
-ENVSAMP__HOT uint64_t envsamp__place_bits(envsamp__diamond d)
+ENVSAMP__HOT uint64_t envsamp__coord_bits(envsamp__l1_coords d)
 {
     return envsamp__float_bits(d.azimuth) | (uint64_t)envsamp__float_bits(d.polar) << 32;
 }
 
-#define ENVSAMP__STRIDES 3      /* cuts before a density asks whether it has arrived: each question
-                                   may be guessed wrong, each cut too many costs a little */
+#define ENVSAMP__STRIDES 2      /* nodes before a density asks whether it has arrived: each question
+                                   may be guessed wrong, each node too many costs a little */
 
-/* One cut on the way down, without a branch: of the two coordinates in `place` the sign of the cut
-   picks one. Floats of 0 and more compare as integers, which keeps the chain from link to link
-   short; that chain is what a density costs. */
-ENVSAMP__HOT uint32_t envsamp__node_step(const envsamp__node *node, uint64_t place)
+/* Whether a place is on the higher side of a cut, without a branch: of its two coordinates the sign
+   of the cut picks one. Floats of 0 and more compare as integers, which keeps the chain from link
+   to link short; that chain is what a density costs. */
+ENVSAMP__HOT uint32_t envsamp__is_high(float cut, uint64_t place)
 {
-    uint32_t bits = envsamp__float_bits(node->cut), low = node->child[0], high = node->child[1];
-    uint32_t at = (uint32_t)(place >> (bits >> 26 & 32));
+    uint32_t bits = envsamp__float_bits(cut);
 
-    return low ^ ((low ^ high) & (0u - (uint32_t)(at >= (bits & 0x7fffffffu))));
+    return (uint32_t)(place >> (bits >> 26 & 32)) >= (bits & 0x7fffffffu);
+}
+
+/* Two cuts on the way down. A density reads the header, and its result means nothing. */
+ENVSAMP__HOT uint32_t envsamp__node_step(const envsamp_kd *kd, uint32_t link, uint64_t place)
+{
+    const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd,
+                                                    link & (0u - (link >> 31)));
+    uint32_t top = envsamp__is_high(node->cut[0], place);
+
+    return node->child[2 * top + envsamp__is_high(node->cut[1 + top], place)];
 }
 
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3])
 {
-    const envsamp__node *nodes;
-    envsamp__diamond d;
+    envsamp__l1_coords d;
     uint64_t place;
     uint32_t link;
     int i;
 
     ENVSAMP_ASSERT(kd && dir);
-    nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
-    d = envsamp__place(kd->mapping, kd->polar_end, dir[0], dir[1], dir[2],
-                       ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
+    d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1], dir[2],
+                             ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     link = envsamp__grid_link(kd, d);
-    place = envsamp__place_bits(d);
+    place = envsamp__coord_bits(d);
     do {
-        for (i = 0; i < ENVSAMP__STRIDES; i++) {
-            uint32_t inner = 0u - (link >> 31);     /* all ones until a density is reached */
-            uint32_t next = envsamp__node_step(&nodes[link & ~ENVSAMP__INNER & inner], place);
-
-            link ^= (link ^ next) & inner;
-        }
+        for (i = 0; i < ENVSAMP__STRIDES; i++)
+            link ^= (link ^ envsamp__node_step(kd, link, place)) & (0u - (link >> 31));
     } while (link & ENVSAMP__INNER);
     return envsamp__bits_float(link);
 }
 
-ENVSAMP__HOT void envsamp__pdf_batch(const envsamp_kd *kd, int n, const float *x, const float *y,
-                                     const float *z, float *pdf)
+static void envsamp__pdf_batch(const envsamp_kd *kd, const float *x, const float *y,
+                               const float *z, float *pdf)
 {
-    const envsamp__node *nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
     float r[ENVSAMP__BATCH];
     uint64_t place[ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
-    int under_way[ENVSAMP__BATCH], count = 0, left, i, k;
+    int list[ENVSAMP__BATCH], count, left, i, k;
 
-    for (i = 0; i < n; i++)
+    for (i = 0; i < ENVSAMP__BATCH; i++)
         r[i] = x[i] * x[i] + y[i] * y[i];
-    envsamp__sqrt_n(r, n);
-    for (i = 0; i < n && kd->mapping == ENVSAMP_OCTAHEDRAL; i++) {
-        envsamp__diamond d = envsamp__octahedral_place(x[i], y[i], z[i], r[i]);
+    envsamp__sqrt_n(r, ENVSAMP__BATCH);
+    for (i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++) {
+        envsamp__l1_coords d = envsamp__octahedral_grid(x[i], y[i], z[i], r[i]);
 
-        place[i] = envsamp__place_bits(d);
+        place[i] = envsamp__coord_bits(d);
         link[i] = envsamp__grid_link(kd, d);
     }
-    for (i = 0; i < n && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
-        envsamp__diamond d = envsamp__to_diamond(x[i], y[i], z[i], r[i]);
+    for (i = 0; i < ENVSAMP__BATCH && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
+        envsamp__l1_coords d = envsamp__to_l1_coords(x[i], y[i], z[i], r[i]);
 
-        d.valid &= d.polar <= kd->polar_end;
-        place[i] = envsamp__place_bits(d);
+        d.valid &= d.polar <= envsamp__polar_end(kd->mapping);
+        place[i] = envsamp__coord_bits(d);
         link[i] = envsamp__grid_link(kd, d);
     }
-    for (i = 0; i < n; i++) {
-        under_way[count] = i;
-        count += (int)(link[i] >> 31);
-    }
-    for (; count > 0; count = left)
+    for (count = envsamp__under_way(link, list); count > 0; count = left)
         for (k = left = 0; k < count; k++) {
-            i = under_way[k];
-            link[i] = envsamp__node_step(&nodes[link[i] & ~ENVSAMP__INNER], place[i]);
-            under_way[left] = i;
+            i = list[k];
+            link[i] = envsamp__node_step(kd, link[i], place[i]);
+            list[left] = i;
             left += (int)(link[i] >> 31);
         }
-    for (i = 0; i < n; i++)
+    for (i = 0; i < ENVSAMP__BATCH; i++)
         pdf[i] = envsamp__bits_float(link[i]);
 }
 
 ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
                                   const float *z, float *pdf)
 {
-    size_t i;
+    float in[3 * ENVSAMP__BATCH] = { 0.0f }, out[ENVSAMP__BATCH];
+    size_t i, rest = n % ENVSAMP__BATCH, bytes = rest * sizeof *in;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
     for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
-        envsamp__pdf_batch(kd, ENVSAMP__BATCH, x + i, y + i, z + i, pdf + i);
-    if (i < n)
-        envsamp__pdf_batch(kd, (int)(n - i), x + i, y + i, z + i, pdf + i);
+        envsamp__pdf_batch(kd, x + i, y + i, z + i, pdf + i);
+    if (rest == 0)
+        return;
+    ENVSAMP_MEMCPY(in, x + i, bytes);
+    ENVSAMP_MEMCPY(in + ENVSAMP__BATCH, y + i, bytes);
+    ENVSAMP_MEMCPY(in + 2 * ENVSAMP__BATCH, z + i, bytes);
+    envsamp__pdf_batch(kd, in, in + ENVSAMP__BATCH, in + 2 * ENVSAMP__BATCH, out);
+    ENVSAMP_MEMCPY(pdf + i, out, bytes);
 }
 
 /* ---- inverse ---- */
-
-/* The tile in a direction: down the crown. */
-ENVSAMP__MATH int envsamp__tile_at(const envsamp_kd *kd, float azimuth, float polar)
-{
-    const envsamp__node *nodes = ENVSAMP__ARRAY(envsamp__node, kd, nodes);
-    uint32_t bits = kd->tile_bits_x + kd->tile_bits_y, node = 0, level, at[2] = { 0, 0 };
-
-    for (level = 0; level < bits; level++) {
-        float cut = nodes[node].cut;
-        uint32_t axis = cut < 0.0f, high = axis ? polar >= -cut : azimuth >= cut;
-
-        at[axis] = 2 * at[axis] + high;
-        node = 2 * node + 1 + high;
-    }
-    return (int)((at[1] << kd->tile_bits_x) + at[0]) & ((1 << bits) - 1);     /* if damaged */
-}
 
 /* Where between two cuts of the unit square lies the fraction f between their edges, as the number
    that samples it: below the higher one, which belongs to the next block. */
@@ -5431,44 +5454,65 @@ ENVSAMP__MATH float envsamp__invert_between(uint32_t tile, uint32_t bits, float 
     return envsamp__at_most(u, envsamp__bits_float(envsamp__float_bits(end) - 1));
 }
 
+/* The way down the nodes, one cut at a time: a link to a node, and which of its cuts. */
+typedef struct envsamp__descent { uint32_t link, cut; } envsamp__descent;
+
+ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, envsamp__descent *d,
+                                        int *axis)
+{
+    const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd,
+                                                    d->link & (0u - (d->link >> 31)));
+    uint32_t high = envsamp__is_high(node->cut[d->cut], place);
+
+    *axis = envsamp__sign(node->cut[d->cut]);
+    d->cut = 2 * d->cut + 1 + high;
+    if (d->cut > 2) {
+        d->link = node->child[d->cut - 3];
+        d->cut = 0;
+    }
+    return high;
+}
+
+/* Both trees of the table divide the map alike: that of densities tells the side of each cut. */
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
                                                  float u[2])
 {
-    float polar, cut[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, edge[4];
-    envsamp__diamond d;
+    uint32_t tile[2] = { 0, 0 }, level;
+    envsamp__descent down = { 0, 0 };
+    envsamp__warp_region r;
+    envsamp__l1_coords d;
     envsamp__exact e;
-    uint32_t link;
-    int tile;
+    uint64_t place;
+    int axis;
 
     ENVSAMP_ASSERT(kd && dir && u);
     u[0] = u[1] = 0.0f;
-    d = envsamp__place(kd->mapping, kd->polar_end, dir[0], dir[1] + 0.0f, dir[2],
-                       ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
+    d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1] + 0.0f, dir[2],
+                             ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (kd->select != ENVSAMP_KD_WARP || !d.valid)
         return 0;
-    e = envsamp__exact_place(kd->mapping, dir);
-    polar = envsamp__with_sign((float)e.cap, e.south);
-    tile = envsamp__tile_at(kd, d.azimuth, d.polar);
-    ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
-    link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
-    while (link & ENVSAMP__INNER) {
-        const envsamp__warp *node = ENVSAMP__ARRAY(envsamp__warp, kd, warp)
-                                  + (link & ~ENVSAMP__INNER);
-        int axis = envsamp__sign(node->cut);
-        int high = axis ? envsamp__edge_key(polar) >= envsamp__edge_key(node->edge)
-                        : e.x >= (double)node->edge;
+    place = envsamp__coord_bits(d);
+    down.link = ENVSAMP__INNER | kd->nodes_at / 4;
+    if (!envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]))
+        envsamp__descend(kd, place, &down, &axis);      /* nothing above the root */
+    for (level = kd->tile_bits_x + kd->tile_bits_y; level > 0; level--) {
+        uint32_t high = envsamp__descend(kd, place, &down, &axis);
 
-        cut[2 * axis + 1 - high] = ENVSAMP_FABSF(node->cut);
-        edge[2 * axis + 1 - high] = node->edge;
-        link = node->child[high];
+        tile[axis] = 2 * tile[axis] + high;
     }
-    if (!link)
+    tile[0] &= (1u << kd->tile_bits_x) - 1;             /* of a damaged table, anything */
+    tile[1] &= (1u << kd->tile_bits_y) - 1;
+    r = envsamp__tile_region(kd, (tile[1] << kd->tile_bits_x) + tile[0]);
+    while (r.link & ENVSAMP__INNER)
+        envsamp__take_side(kd, &r, (int)envsamp__descend(kd, place, &down, &axis));
+    if (!r.link)
         return 0;
-    u[0] = envsamp__invert_between((uint32_t)tile & ((1u << kd->tile_bits_x) - 1), kd->tile_bits_x,
-                            cut[0], cut[1],
-                            (e.x - (double)edge[0]) / ((double)edge[1] - (double)edge[0]));
-    u[1] = envsamp__invert_between((uint32_t)tile >> kd->tile_bits_x, kd->tile_bits_y, cut[2],
-                                   cut[3], envsamp__exact_between(e, edge[2], edge[3]));
+    e = envsamp__dir_exact(kd->mapping, dir);
+    u[0] = envsamp__invert_between(tile[0], kd->tile_bits_x, r.low[0], r.high[0],
+                                   (e.x - (double)r.edges.x0)
+                                   / ((double)r.edges.x1 - (double)r.edges.x0));
+    u[1] = envsamp__invert_between(tile[1], kd->tile_bits_y, r.low[1], r.high[1],
+                                   envsamp__exact_between(e, r.edges.y0, r.edges.y1));
     return 1;
 }
 
@@ -5492,73 +5536,72 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_
     return ENVSAMP_OK;
 }
 
-/* Cuts below the tiles that come before a tile. */
-static uint32_t envsamp__warp_before(const envsamp_kd *kd, uint32_t tile)
+/* Blocks in the tiles before one: these, and a cut makes one more of each. */
+static uint32_t envsamp__blocks_before(const envsamp_kd *kd, uint32_t tile)
 {
-    uint32_t count = 1u << (kd->tile_bits_x + kd->tile_bits_y);
-    const uint32_t *roots = ENVSAMP__ARRAY(uint32_t, kd, roots);
+    uint32_t count = envsamp__tile_count(kd), next = tile;
 
-    for (; tile < count; tile++)
-        if (roots[tile] & ENVSAMP__INNER)
-            return roots[tile] & ~ENVSAMP__INNER;
-    return kd->block_count - count;
+    while (next < count && !(ENVSAMP__RECORDS(kd)[next].link & ENVSAMP__INNER))
+        next++;
+    return next == count ? kd->block_count - count + tile
+         : tile + ((ENVSAMP__RECORDS(kd)[next].link & ~ENVSAMP__INNER) - envsamp__cut_place(kd, 0))
+                / ((uint32_t)sizeof(envsamp__sample_node) / 4);
 }
 
-/* Block `number` of WARP: blocks are counted tile by tile, below a tile by the order of the cuts. A
-   subtree of n cuts holds n + 1 blocks, and its cuts follow one another. */
-static void envsamp__warp_block(const envsamp_kd *kd, uint32_t number, envsamp__edges *edges,
-                                double *probability)
+/* Block `number` of WARP: counted tile by tile, below a tile by the order of the cuts. */
+static envsamp__warp_region envsamp__warp_block(const envsamp_kd *kd, uint32_t number)
 {
-    uint32_t tile = 0, past = 1u << (kd->tile_bits_x + kd->tile_bits_y), link, first, end;
-    float cut[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, edge[4];
+    uint32_t tile = 0, past = envsamp__tile_count(kd);
+    envsamp__warp_region stack[ENVSAMP__WARP_DEPTH + 2];
+    int top = 1;
 
     while (past - tile > 1) {
         uint32_t middle = tile + (past - tile) / 2;
 
-        if (middle + envsamp__warp_before(kd, middle) <= number)
+        if (envsamp__blocks_before(kd, middle) <= number)
             tile = middle;
         else
             past = middle;
     }
-    link = ENVSAMP__ARRAY(uint32_t, kd, roots)[tile];
-    first = tile + envsamp__warp_before(kd, tile);
-    end = envsamp__warp_before(kd, tile + 1);
-    ENVSAMP_MEMCPY(edge, ENVSAMP__ARRAY(envsamp__edges, kd, tiles) + tile, sizeof edge);
-    while (link & ENVSAMP__INNER) {
-        uint32_t at = link & ~ENVSAMP__INNER, low_end, low_count, high;
-        const envsamp__warp *node = &ENVSAMP__ARRAY(envsamp__warp, kd, warp)[at];
-        int axis = envsamp__sign(node->cut);
+    stack[0] = envsamp__tile_region(kd, tile);
+    for (number -= envsamp__blocks_before(kd, tile); ; ) {
+        envsamp__warp_region *r = &stack[top - 1];
 
-        low_end = node->child[1] & ENVSAMP__INNER ? node->child[1] & ~ENVSAMP__INNER : end;
-        low_count = low_end - (at + 1) + 1;
-        high = number - first >= low_count;
-        cut[2 * axis + 1 - (int)high] = ENVSAMP_FABSF(node->cut);
-        edge[2 * axis + 1 - (int)high] = node->edge;
-        first += high ? low_count : 0;
-        end = high ? end : low_end;
-        link = node->child[high];
+        if (r->link & ENVSAMP__INNER) {
+            stack[top] = *r;
+            envsamp__take_side(kd, r, 1);
+            envsamp__take_side(kd, &stack[top++], 0);
+        } else if (number-- == 0) {
+            return *r;
+        } else {
+            top--;
+        }
     }
-    ENVSAMP_MEMCPY(edges, edge, sizeof edge);
-    *probability = ((double)cut[1] - (double)cut[0]) * ((double)cut[3] - (double)cut[2])
-                 / (double)(1u << (kd->tile_bits_x + kd->tile_bits_y));
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number,
                                                 envsamp_kd_block *block)
 {
     envsamp__edges edges;
-    double probability;
+    double probability, sr;
 
     if (!kd || !block)
         return ENVSAMP_ERR_NULL;
     if (number < 0 || number >= (int)kd->block_count)
         return ENVSAMP_ERR_PARAM;
     if (kd->select == ENVSAMP_KD_WARP) {
-        envsamp__warp_block(kd, (uint32_t)number, &edges, &probability);
+        envsamp__warp_region r = envsamp__warp_block(kd, (uint32_t)number);
+
+        edges = r.edges;
+        sr = envsamp__edges_sr(kd->mapping, &edges);
+        probability = ((double)r.high[0] - (double)r.low[0])
+                    * ((double)r.high[1] - (double)r.low[1]) / (double)envsamp__tile_count(kd);
     } else {
-        ENVSAMP_MEMCPY(&edges, ENVSAMP__ARRAY(float, kd, edges) + 4 * number, sizeof edges);
-        probability = (double)ENVSAMP__ARRAY(float, kd, pdf)[number]
-                    * envsamp__edges_sr(kd->mapping, &edges);
+        const envsamp__record *record = ENVSAMP__RECORDS(kd) + number;
+
+        edges = record->edges;
+        sr = envsamp__edges_sr(kd->mapping, &edges);
+        probability = (double)envsamp__bits_float(record->link) * sr;
     }
     block->uv_min[0] = edges.x0;
     block->uv_min[1] = envsamp__edge_v(kd->mapping, edges.y0);
@@ -5568,7 +5611,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
         block->uv_min[1] = envsamp__clamp_unit(block->uv_min[1]);
         block->uv_max[1] = envsamp__bits_float(envsamp__float_bits(block->uv_min[1]) + 1);
     }
-    block->solid_angle = (float)envsamp__edges_sr(kd->mapping, &edges);
+    block->solid_angle = (float)sr;
     block->probability = (float)probability;
     return ENVSAMP_OK;
 }
@@ -5876,7 +5919,8 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     envsamp__cdf_share(job->mass, cdf->height, total, lit, edges, cdf->row_bits,
                        ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
     for (y = 0; y <= height; y++) {
-        envsamp__row edge = envsamp__edge_row(envsamp__edge_y(map, envsamp__y_edge(map, y)));
+        float cap = envsamp__edge_y(map, envsamp__y_edge(map, y));
+        envsamp__polar_pair edge = envsamp__edge_pair(cap);
 
         rows[y].north = edge.north;
         rows[y].south = edge.south;
@@ -6091,7 +6135,7 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
 
     for (y = 0; y <= cdf->height; y++) {
         float edge = envsamp__cdf_row_edge(rows + y);
-        envsamp__row sides = envsamp__edge_row(edge);
+        envsamp__polar_pair sides = envsamp__edge_pair(edge);
 
         if (!envsamp__in_range(edge, -1.0f, 1.0f) || !envsamp__in_range(rows[y].polar, 0.0f, 2.0f)
             || (cdf->mapping != ENVSAMP_LATLONG && envsamp__sign(edge))
@@ -6277,7 +6321,7 @@ typedef struct envsamp__cdf_place { uint32_t column, row; int valid; } envsamp__
 ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x, float y, float z,
                                                 float r)
 {
-    envsamp__diamond d = envsamp__place(cdf->mapping, cdf->polar_end, x, y, z, r);
+    envsamp__l1_coords d = envsamp__dir_to_grid(cdf->mapping, x, y, z, r);
     const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
     uint32_t cell = (uint32_t)(int)(d.polar * cdf->polar_scale);
     float turn = cdf->mapping == ENVSAMP_OCTAHEDRAL ? 0.25f * d.azimuth
@@ -6335,7 +6379,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
                          ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (!(envsamp__cdf_density(cdf, at) > 0.0f))
         return 0;
-    e = envsamp__exact_place(cdf->mapping, dir);
+    e = envsamp__dir_exact(cdf->mapping, dir);
     row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
     edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
     row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row;

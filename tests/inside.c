@@ -28,12 +28,10 @@ size_t inside_kd_at(const char *name)
     static const field fields[] = {
         FIELD(version), FIELD(bytes), FIELD(checksum), FIELD(select), FIELD(mapping),
         FIELD(width), FIELD(height), FIELD(block_count), FIELD(alias_shift), FIELD(grid_bits_x),
-        FIELD(grid_bits_y), FIELD(tile_bits_x), FIELD(tile_bits_y), FIELD(grid_scale_x),
-        FIELD(grid_scale_y), FIELD(bilinear), FIELD(fit_end), FIELD(fit_step), FIELD(tiles_at),
-        FIELD(warp_at), FIELD(edges_at), FIELD(pdf_at), FIELD(alias_at), FIELD(roots_at),
-        FIELD(nodes_at), FIELD(grid_at), FIELD(polar_end), FIELD(integral),
-        FIELD(alpha), FIELD(fit_alpha),
-        FIELD(mis_compensation), FIELD(criterion), { "end", sizeof(envsamp_kd) }
+        FIELD(grid_bits_y), FIELD(tile_bits_x), FIELD(tile_bits_y), FIELD(bilinear),
+        FIELD(fit_end), FIELD(fit_step), FIELD(alias_at), FIELD(nodes_at), FIELD(grid_at),
+        FIELD(integral), FIELD(alpha), FIELD(fit_alpha), FIELD(mis_compensation), FIELD(spare),
+        FIELD(criterion), { "end", sizeof(envsamp_kd) }
     };
 #undef FIELD
 
@@ -80,6 +78,11 @@ void inside_seal(void *table, size_t bytes)
 
 /* ---- blocks of WARP ---- */
 
+size_t inside_kd_cuts(const envsamp_kd *kd)
+{
+    return KD_RECORD_AT(kd_tile_count(kd));
+}
+
 int kd_tile_count(const envsamp_kd *kd)
 {
     return 1 << (kd->tile_bits_x + kd->tile_bits_y);
@@ -92,8 +95,8 @@ kd_warp_block kd_tile(const envsamp_kd *kd, int tile)
     kd_warp_block b;
     int axis;
 
-    memcpy(b.edge, base + kd->tiles_at + 16 * tile, sizeof b.edge);
-    memcpy(&b.link, base + kd->roots_at + 4 * tile, sizeof b.link);
+    memcpy(b.edge, base + KD_RECORD_AT(tile), sizeof b.edge);
+    memcpy(&b.link, base + KD_RECORD_AT(tile) + sizeof b.edge, sizeof b.link);
     b.tile = tile;
     b.depth = 0;
     for (axis = 0; axis < 2; axis++) {
@@ -109,12 +112,11 @@ kd_warp_block kd_tile(const envsamp_kd *kd, int tile)
 static kd_warp_block kd_side(const envsamp_kd *kd, const kd_warp_block *whole, int high)
 {
     kd_warp_block b = *whole;
-    envsamp__warp node;
+    envsamp__sample_node node;
     double at;
     int axis;
 
-    memcpy(&node, (const char *)kd + kd->warp_at + sizeof node * (whole->link & ~KD_LINK),
-           sizeof node);
+    memcpy(&node, (const char *)kd + (size_t)4 * (whole->link & ~KD_LINK), sizeof node);
     axis = signbit(node.cut) ? 1 : 0;
     at = fabs((double)node.cut) * (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
     at += (double)(axis ? b.tile >> kd->tile_bits_x : b.tile & ((1 << kd->tile_bits_x) - 1))
@@ -170,7 +172,7 @@ kd_warp_block kd_warp_at(const envsamp_kd *kd, double u0, double u1)
 
 void inside_kd_edges(const envsamp_kd *kd, int block, float edge[4])
 {
-    memcpy(edge, ENVSAMP__ARRAY(float, kd, edges) + 4 * block, 4 * sizeof *edge);
+    memcpy(edge, (const char *)kd + KD_RECORD_AT(block), 4 * sizeof *edge);
 }
 
 int inside_alias_block(const envsamp_kd *kd, float u0, float u1)

@@ -17,6 +17,9 @@
 #define CDF_WORD(cdf, field) inside_word(cdf, CDF_AT(field))
 #define CDF_PLACE(cdf, field) inside_place(cdf, CDF_AT(field))      /* of 64 bits */
 
+/* Where a tile or a block has its edges, and behind them its link: a density, of blocks. */
+#define KD_RECORD_AT(number) (KD_AT(end) + 20 * (size_t)(number))
+
 extern size_t inside_kd_at(const char *field);      /* "end": the size of the header */
 extern size_t inside_cdf_at(const char *field);
 extern uint32_t inside_word(const void *table, size_t at);
@@ -49,6 +52,9 @@ static inline float kd_density(const kd_warp_block *block)
 }
 
 extern int kd_tile_count(const envsamp_kd *kd);
+
+/* Where the cuts below the tiles begin, in bytes. A link to one is its place in words. */
+extern size_t inside_kd_cuts(const envsamp_kd *kd);
 
 /* A tile, on the way to its blocks. */
 extern kd_warp_block kd_tile(const envsamp_kd *kd, int tile);

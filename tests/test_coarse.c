@@ -77,8 +77,8 @@ static double mean_by_rule(const sampler *s, int by_u1, int bits)
         entry = table_word(s->kd, (uint32_t)KD_WORD(s->kd, alias_at), draw >> shift);
         own = entry >> (24 - shift);
         at = by_u1 ? (uint32_t)(u[1] * (float)room) : draw & (room - 1);
-        pdf_bits = table_word(s->kd, (uint32_t)KD_WORD(s->kd, pdf_at),
-                              at < own ? draw >> shift : entry & ((1u << (24 - shift)) - 1));
+        at = at < own ? draw >> shift : entry & ((1u << (24 - shift)) - 1);
+        pdf_bits = table_word(s->kd, (uint32_t)KD_RECORD_AT(at) + 16, 0);
         memcpy(&pdf, &pdf_bits, sizeof pdf);
         sum += 1.0 / (double)pdf;
     }

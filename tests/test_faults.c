@@ -608,6 +608,7 @@ static void test_damaged_kd(int kind)
     const envsamp_image map = make_map(SUNNY);
     const sampler_request request = sampler_ask(kind, &map, 40);
     const uint32_t room = 1u << 18, back = 0x80000000u, infinite = 0x7f800000u;
+    uint32_t node, end;
     int opened = 0, whole;
     sampler s;
 
@@ -617,13 +618,15 @@ static void test_damaged_kd(int kind)
         sampler_free(&s);
         return;
     }
-    whole = opens_with(&s, KD_AT(criterion), 0);
-    opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 4, back | 5);     /* to itself */
-    opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 8, back | 40);
-    opened += opens_with(&s, KD_WORD(s.kd, nodes_at) + 12 * 5 + 8, infinite);
-    opened += opens_with(&s, KD_WORD(s.kd, grid_at) + 16, back | 39);
+    whole = opens_with(&s, KD_AT(spare), 0);
+    node = KD_WORD(s.kd, nodes_at) + 28 * 5;
+    end = KD_WORD(s.kd, grid_at) / 4;           /* in words, as links are */
+    opened += opens_with(&s, node + 12, back | node / 4);       /* to itself */
+    opened += opens_with(&s, node + 16, back | end);
+    opened += opens_with(&s, node + 16, infinite);
+    opened += opens_with(&s, KD_WORD(s.kd, grid_at) + 16, back | end);
     if (kind != SAMPLER_WARP)
-        opened += opens_with(&s, KD_WORD(s.kd, pdf_at) + 8, infinite);
+        opened += opens_with(&s, (uint32_t)KD_RECORD_AT(2) + 16, infinite);
     if (kind == SAMPLER_ALIAS) {
         opened += opens_with(&s, KD_WORD(s.kd, alias_at), 40);
         opened += opens_with(&s, KD_WORD(s.kd, alias_at), (room + 1) << 6);

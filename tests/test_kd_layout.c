@@ -14,12 +14,12 @@
 /* ---- the reader: bytes alone ---- */
 
 /* Offsets of the header's fields, in bytes. */
-enum { AT_MAGIC = 0, AT_VERSION = 4, AT_BYTES = 16, AT_SELECT = 24, AT_MAPPING = 12, AT_WIDTH = 32,
-       AT_HEIGHT = 36, AT_BLOCK_COUNT = 40, AT_ALIAS_SHIFT = 48, AT_GRID_BITS_X = 52,
-       AT_GRID_BITS_Y = 56, AT_TILE_BITS_X = 60, AT_TILE_BITS_Y = 64, AT_BILINEAR = 76,
-       AT_TILES = 92, AT_WARP = 96, AT_EDGES = 100, AT_PDF = 104, AT_ALIAS = 108, AT_ROOTS = 112,
-       AT_NODES = 116, AT_GRID = 120, AT_POLAR_END = 124, AT_INTEGRAL = 128, AT_EXCESS = 136,
-       AT_MAX_RATIO = 144, AT_BAD_PIXELS = 184, AT_COMPENSATION = 192, AFTER_HEADER = 200 };
+enum { AT_MAGIC = 0, AT_VERSION = 4, AT_MAPPING = 12, AT_BYTES = 16, AT_SELECT = 24,
+       AT_TILE_BITS_X = 28, AT_TILE_BITS_Y = 32, AT_ALIAS_SHIFT = 36, AT_ALIAS = 40,
+       AT_GRID_BITS_X = 44, AT_GRID_BITS_Y = 48, AT_GRID = 52, AT_BILINEAR = 76, AT_WIDTH = 80,
+       AT_HEIGHT = 84, AT_BLOCK_COUNT = 88, AT_NODES = 96, AT_COMPENSATION = 100,
+       AT_INTEGRAL = 112, AT_EXCESS = 120, AT_MAX_RATIO = 128, AT_BAD_PIXELS = 160,
+       AFTER_HEADER = 192 };
 
 enum { WARP = 0, ALIAS = 1, FIT = 2 };
 enum { LATLONG = 0, HEMISPHERE = 1, OCTAHEDRAL = 2 };
@@ -37,6 +37,18 @@ static uint32_t entry(const unsigned char *table, size_t field, uint32_t index, 
                       size_t part)
 {
     return word(table, word(table, field) + size * (size_t)index + 4 * part);
+}
+
+/* Word `part` of a record, of 5 words. */
+static uint32_t record(const unsigned char *table, uint32_t index, size_t part)
+{
+    return word(table, AFTER_HEADER + 20 * (size_t)index + 4 * part);
+}
+
+/* Word `part` of what a link leads to. */
+static uint32_t linked(const unsigned char *table, uint32_t link, size_t part)
+{
+    return word(table, 4 * ((size_t)(link ^ TOP_BIT) + part));
 }
 
 /* A float by its bits: sign, exponent, fraction. */
@@ -131,19 +143,19 @@ static place read_warp(const unsigned char *t, double u0, double u1)
     const uint32_t tile = ((uint32_t)down << word(t, AT_TILE_BITS_X)) + (uint32_t)across;
     const double f[2] = { across - floor(across), down - floor(down) };
     double low[2] = { 0.0, 0.0 }, high[2] = { 1.0, 1.0 }, part[2];
-    uint32_t edge[4], link = entry(t, AT_ROOTS, tile, 4, 0);
+    uint32_t edge[4], link = record(t, tile, 4);
     place p;
     int k;
 
     for (k = 0; k < 4; k++)
-        edge[k] = entry(t, AT_TILES, tile, 16, (size_t)k);
+        edge[k] = record(t, tile, (size_t)k);
     while (link & TOP_BIT) {
-        const uint32_t index = link ^ TOP_BIT, cut = entry(t, AT_WARP, index, 16, 0);
+        const uint32_t cut = linked(t, link, 0);
         const int axis = (int)(cut >> 31), above = f[axis] >= fabs(real(cut));
 
         *(above ? &low[axis] : &high[axis]) = fabs(real(cut));
-        edge[2 * axis + !above] = entry(t, AT_WARP, index, 16, 1);
-        link = entry(t, AT_WARP, index, 16, above ? 3 : 2);
+        edge[2 * axis + !above] = linked(t, link, 1);
+        link = linked(t, link, above ? 3 : 2);
     }
     for (k = 0; k < 2; k++)
         part[k] = (f[k] - low[k]) / (high[k] - low[k]);
@@ -171,8 +183,8 @@ static place read_alias(const unsigned char *t, double u0, double u1)
     int k;
 
     for (k = 0; k < 4; k++)
-        edge[k] = entry(t, AT_EDGES, block, 16, (size_t)k);
-    p.pdf = real(entry(t, AT_PDF, block, 4, 0));
+        edge[k] = record(t, block, (size_t)k);
+    p.pdf = real(record(t, block, 4));
     direct(t, edge, across - floor(across), fy, p.dir);
     return p;
 }
@@ -212,7 +224,7 @@ static uint32_t cell(double at, double range, uint32_t bits)
 /* The density in a direction; *slack tells how near the nearest cut was, in its coordinate. */
 static double read_pdf(const unsigned char *t, const float dir[3], double *slack)
 {
-    const double polar_end = real(word(t, AT_POLAR_END));
+    const double polar_end = word(t, AT_MAPPING) == HEMISPHERE ? 1.0 : 2.0;
     double at[2];
     uint32_t link, x, y;
 
@@ -224,11 +236,17 @@ static double read_pdf(const unsigned char *t, const float dir[3], double *slack
     y = cell(at[1], polar_end, word(t, AT_GRID_BITS_Y));
     link = entry(t, AT_GRID, (y << word(t, AT_GRID_BITS_X)) + x, 4, 0);
     while (link & TOP_BIT) {
-        const uint32_t cut = entry(t, AT_NODES, link ^ TOP_BIT, 12, 0);
-        const double from = at[cut >> 31] - fabs(real(cut));
+        size_t number = 0;
 
-        *slack = fmin(*slack, fabs(from));
-        link = entry(t, AT_NODES, link ^ TOP_BIT, 12, from >= 0.0 ? 2 : 1);
+        while (number < 3) {
+            const uint32_t cut = linked(t, link, number);
+            const double from = at[cut >> 31] - fabs(real(cut));
+
+            if (cut)                    /* 0: there is none */
+                *slack = fmin(*slack, fabs(from));
+            number = 2 * number + (from >= 0.0 ? 2 : 1);
+        }
+        link = linked(t, link, number);
     }
     return real(link);
 }
@@ -313,9 +331,6 @@ static void check_header(const kd_fixture *f, const unsigned char *table, const 
           && fabs(real(word(table, AT_COMPENSATION)) - (double)f->desc.mis_compensation) <= 0.0
           && word(table, AT_BAD_PIXELS) == 0 && word(table, AT_BAD_PIXELS + 4) == 0,
           "%s: what it is of", what);
-    CHECK(word(table, AT_POLAR_END) == (f->image.mapping == ENVSAMP_HEMISPHERE ? 0x3f800000u
-                                                                               : 0x40000000u),
-          "%s: where the map ends", what);
     for (i = 0; i < 3; i++)
         wrong += fabs(real_double(table, AT_INTEGRAL + 8 * (size_t)i) - figures[i]) > 0.0;
     CHECK(!wrong, "%s: integral, excess variance, largest ratio", what);
@@ -325,19 +340,17 @@ static void check_header(const kd_fixture *f, const unsigned char *table, const 
 static void check_arrays(const unsigned char *table, const char *what)
 {
     const int warp = word(table, AT_SELECT) == WARP, alias = word(table, AT_SELECT) == ALIAS;
-    const uint32_t blocks = word(table, AT_BLOCK_COUNT), listed = warp ? 0 : blocks;
-    const uint32_t tiles = warp ? 1u << (word(table, AT_TILE_BITS_X) + word(table, AT_TILE_BITS_Y))
-                                : 0;
+    const uint32_t blocks = word(table, AT_BLOCK_COUNT);
+    const uint32_t records = warp ? 1u << (word(table, AT_TILE_BITS_X)
+                                           + word(table, AT_TILE_BITS_Y)) : blocks;
     const uint32_t bins = alias ? 1u << (24 - word(table, AT_ALIAS_SHIFT)) : 0;
     const uint32_t cells = 1u << (word(table, AT_GRID_BITS_X) + word(table, AT_GRID_BITS_Y));
-    const uint32_t at[9] = { AT_TILES, AT_WARP, AT_EDGES, AT_PDF, AT_ALIAS, AT_ROOTS, AT_NODES,
-                             AT_GRID, AT_BYTES };
-    const uint32_t size[9] = { 16 * tiles, 16 * (warp ? blocks - tiles : 0), 16 * listed,
-                               4 * listed, 4 * bins, 4 * tiles, 12 * blocks, 4 * cells, 0 };
-    uint32_t end = AFTER_HEADER;
+    const uint32_t at[4] = { AT_ALIAS, AT_NODES, AT_GRID, AT_BYTES };
+    const uint32_t size[4] = { 4 * bins, 28 * (blocks / 2 + 1), 4 * cells, 0 };
+    uint32_t end = AFTER_HEADER + 20 * records + 16 * (blocks - records);
     int i, wrong = 0;
 
-    for (i = 0; i < 9; i++) {
+    for (i = 0; i < 4; i++) {
         wrong += word(table, at[i]) != end;
         end += size[i];
     }
@@ -352,7 +365,8 @@ static void check_edges(const unsigned char *table, const char *what)
     const uint32_t count = warp ? 1u << (word(table, AT_TILE_BITS_X) + word(table, AT_TILE_BITS_Y))
                                 : word(table, AT_BLOCK_COUNT);
     const uint32_t mapping = word(table, AT_MAPPING);
-    double area = 0.0;
+    const double end = mapping == LATLONG ? 2.0 : 1.0;
+    double area = 0.0, last = 0.0;
     uint32_t i;
     int k, wrong = 0;
 
@@ -360,17 +374,19 @@ static void check_edges(const unsigned char *table, const char *what)
         double edge[4];
 
         for (k = 0; k < 4; k++) {
-            const uint32_t bits = entry(table, warp ? AT_TILES : AT_EDGES, i, 16, (size_t)k);
+            const uint32_t bits = record(table, i, (size_t)k);
 
             edge[k] = k < 2 || mapping == OCTAHEDRAL ? real(bits) : edge_north(bits);
             wrong += bits & TOP_BIT && (k < 2 || mapping != LATLONG);
         }
         wrong += !(edge[0] >= 0.0 && edge[0] < edge[1] && edge[1] <= 1.0);
         wrong += !(edge[2] >= 0.0 && edge[2] < edge[3]
-                   && edge[3] <= (mapping == LATLONG ? 2.0 : 1.0));
+                   && edge[3] <= end);
+        last = fmax(last, edge[3]);
         area += (edge[1] - edge[0]) * (edge[3] - edge[2]);
     }
-    area -= mapping == LATLONG ? 2.0 : 1.0;
+    area -= end;
+    CHECK(last >= end, "%s: where the map ends", what);
     CHECK(!wrong && fabs(area) <= 1e-6, "%s: %s cover the map, but for %.1e", what,
           warp ? "tiles" : "blocks", area);
 }

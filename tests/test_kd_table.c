@@ -534,16 +534,16 @@ static float float_at(const trial *t, size_t at)
     return value;
 }
 
-/* Edges of `count` tiles or blocks, which lie at `first`. Of the polar angle only those of a
-   lat-long map may have a sign. */
-static void test_wrong_edges(trial *t, size_t first, int count, const char *what)
+/* Edges of `count` tiles or blocks. Of the polar angle only those of a lat-long map may have a
+   sign. */
+static void test_wrong_edges(trial *t, int count, const char *what)
 {
     const float bad[] = { NAN, INFINITY, -INFINITY, 1.5f, -1.5f };
     const int signs = t->f->image.mapping == ENVSAMP_LATLONG;
     int i, k, v, opened = 0;
 
     for (i = 0; i < count; i++) {
-        const size_t at = first + 16 * (size_t)i;
+        const size_t at = KD_RECORD_AT(i);
 
         for (k = 0; k < 4; k++) {
             const size_t edge = at + 4 * (size_t)k, other = at + 4 * (size_t)(k ^ 1);
@@ -572,7 +572,7 @@ static void test_wrong_densities(trial *t)
 
     for (i = 0; i < t->f->info.block_count; i++)
         for (v = 0; v < 5; v++)
-            opened += opens_with_float(t, KD_WORD(t->f->kd, pdf_at) + 4 * (size_t)i, bad[v]);
+            opened += opens_with_float(t, KD_RECORD_AT(i) + 16, bad[v]);
     CHECK(!opened, "densities below 0 or not finite are refused, but %d", opened);
 }
 
@@ -580,17 +580,12 @@ static void test_wrong_densities(trial *t)
 static void test_wrong_source(trial *t)
 {
     const float compensations[] = { NAN, INFINITY, -INFINITY, -0.5f, 1.5f, 1.0000001f };
-    const float ends[] = { NAN, INFINITY, -1.0f, -2.0f, 0.0f, 1.5f, 3.0f };
     const uint32_t words[] = { 3, 4, 0x10000u, 0x80000000u, 0xffffffffu };
     const int latlong = t->f->image.mapping == ENVSAMP_LATLONG;
     int i, opened = 0;
 
     for (i = 0; i < 6; i++)
         opened += opens_with_float(t, KD_AT(mis_compensation), compensations[i]);
-    for (i = 0; i < 7; i++)
-        opened += opens_with_float(t, KD_AT(polar_end), ends[i]);
-    opened += opens_with_float(t, KD_AT(polar_end),
-                               t->f->image.mapping == ENVSAMP_HEMISPHERE ? 2.0f : 1.0f);
     for (i = 0; i < 5; i++) {
         opened += opens_with_word(t, KD_AT(mapping), words[i]);
         opened += opens_with_word(t, KD_AT(bilinear), words[i]);
@@ -612,16 +607,13 @@ static void test_wrong_source(trial *t)
 /* Places of arrays, and what else follows from the rest of the header. */
 static void test_wrong_places(trial *t)
 {
-    const size_t at[] = { KD_AT(tiles_at), KD_AT(warp_at),
-                          KD_AT(edges_at), KD_AT(pdf_at),
-                          KD_AT(alias_at), KD_AT(roots_at),
-                          KD_AT(nodes_at), KD_AT(grid_at),
-                          KD_AT(bytes), KD_AT(alias_shift),
-                          KD_AT(grid_scale_x), KD_AT(grid_scale_y),
+    const size_t at[] = { KD_AT(alias_at), KD_AT(nodes_at), KD_AT(grid_at),
+                          KD_AT(bytes), KD_AT(bytes) + 4, KD_AT(alias_shift),
+                          KD_AT(grid_bits_x), KD_AT(grid_bits_y),
                           KD_AT(fit_end), KD_AT(fit_step) };
     int i, opened = 0;
 
-    for (i = 0; i < 14; i++) {
+    for (i = 0; i < 10; i++) {
         const uint32_t word = word_at(t->table, at[i]);
 
         opened += opens_with_word(t, at[i], word + 4) + opens_with_word(t, at[i], word - 4)
@@ -639,7 +631,7 @@ static void test_wrong_cuts(trial *t)
     int i, v, opened = 0, turned = 0;
 
     for (i = 0; i < cuts; i++) {
-        const size_t at = KD_WORD(t->f->kd, warp_at) + 16 * (size_t)i;
+        const size_t at = inside_kd_cuts(t->f->kd) + 16 * (size_t)i;
         const float cut = float_at(t, at), edge = float_at(t, at + 4);
 
         for (v = 0; v < 5; v++)
@@ -662,23 +654,24 @@ static void test_wrong_order(trial *t)
     const uint32_t tiles = (uint32_t)kd_tile_count(t->f->kd);
     const uint32_t cuts = (uint32_t)t->f->info.block_count - tiles;
     const size_t sites = tiles + 2 * cuts;
-    const size_t roots = KD_WORD(t->f->kd, roots_at), cut = KD_WORD(t->f->kd, warp_at);
+    const size_t cut = inside_kd_cuts(t->f->kd);
     uint32_t wrong[4] = { 0, 0, KD_LINK | 0x7fffffffu, 0x7f800000u };
     size_t i, k;
     int opened = 0, links = 0;
 
     for (i = 0; i < sites; i++) {
-        const size_t at = i < tiles ? roots + 4 * i
+        const size_t at = i < tiles ? KD_RECORD_AT(i) + 16
                         : cut + 16 * ((i - tiles) / 2) + 8 + 4 * ((i - tiles) % 2);
         const uint32_t link = word_at(t->table, at);
 
         links += link >> 31 ? 1 : 0;
-        wrong[0] = (link | KD_LINK) + (link >> 31);     /* the next, or a cut where none is */
-        wrong[1] = KD_LINK | cuts;
+        wrong[0] = (link | KD_LINK) + 4 * (link >> 31); /* the next, or a cut where none is */
+        wrong[1] = KD_LINK | (uint32_t)(cut / 4 + 4 * cuts);
         for (k = 0; k < 4; k++)
             opened += opens_with_word(t, at, wrong[k]);
         if (link >> 31)                                 /* the one before, and a lost subtree */
-            opened += opens_with_word(t, at, link - 1) + opens_with_word(t, at, 0x3f800000u);
+            opened += opens_with_word(t, at, link - 4) + opens_with_word(t, at, link + 1)
+                    + opens_with_word(t, at, 0x3f800000u);
     }
     CHECK(links == (int)cuts, "every cut has one link to it: %d of %d", links, (int)cuts);
     CHECK(!opened, "links out of order or out of range are refused, but %d", opened);
@@ -687,23 +680,22 @@ static void test_wrong_order(trial *t)
 /* A chain of cuts below a tile, each nearer to the low edge, with its first at entry `first`. */
 static void write_chain(trial *t, int tile, int first, int count)
 {
-    const size_t tile_at = KD_WORD(t->f->kd, tiles_at) + 16 * (size_t)tile;
+    const size_t tile_at = KD_RECORD_AT(tile), cuts_at = inside_kd_cuts(t->f->kd);
     const float x0 = float_at(t, tile_at), x1 = float_at(t, tile_at + 4);
-    uint32_t root = KD_LINK | (uint32_t)first;
+    uint32_t root = KD_LINK | (uint32_t)(cuts_at / 4 + 4 * (size_t)first);
     int i;
 
     if (!count)
         root = 0x3f800000u;
-    memcpy(t->table + KD_WORD(t->f->kd, roots_at) + 4 * (size_t)tile, &root, sizeof root);
+    memcpy(t->table + tile_at + 16, &root, sizeof root);
     for (i = 0; i < count; i++) {
         struct { float cut, edge; uint32_t child[2]; } node;
 
         node.cut = (float)(count - i) / 256.0f;
         node.edge = x0 + (x1 - x0) * node.cut;
-        node.child[0] = i + 1 < count ? KD_LINK | (uint32_t)(first + i + 1) : 0x3f800000u;
+        node.child[0] = i + 1 < count ? root + 4 * (uint32_t)(i + 1) : 0x3f800000u;
         node.child[1] = 0x3f800000u;
-        memcpy(t->table + KD_WORD(t->f->kd, warp_at) + sizeof node * (size_t)(first + i), &node,
-               sizeof node);
+        memcpy(t->table + cuts_at + sizeof node * (size_t)(first + i), &node, sizeof node);
     }
 }
 
@@ -773,9 +765,9 @@ static void test_refusals(int kind)
     build_kind(&f, kind, "foliage", 64, 32, 60);
     t = trial_make(&f);
     if (f.desc.select == ENVSAMP_KD_WARP) {
-        test_wrong_edges(&t, KD_WORD(f.kd, tiles_at), kd_tile_count(f.kd), "tiles");
+        test_wrong_edges(&t, kd_tile_count(f.kd), "tiles");
     } else {
-        test_wrong_edges(&t, KD_WORD(f.kd, edges_at), f.info.block_count, "blocks");
+        test_wrong_edges(&t, f.info.block_count, "blocks");
         test_wrong_densities(&t);
     }
     if (f.desc.select == ENVSAMP_KD_FIT)

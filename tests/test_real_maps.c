@@ -139,7 +139,7 @@ static figures measure(int index)
     if (m.built) {
         m.alias = r.f.info.excess_variance;
         m.brute_force = reference_excess(&r);
-        m.edges_bytes = KD_WORD(r.f.kd, pdf_at) - KD_WORD(r.f.kd, edges_at);
+        m.edges_bytes = (KD_WORD(r.f.kd, alias_at) - KD_RECORD_AT(0)) / 20 * 16;
         m.mismatched = mismatches(r.f.kd);
     }
     reference_free(&r);

@@ -86,19 +86,23 @@ static void add_table(const void *table, const bits_part *parts, int count)
 
 static void add_kd_table(const envsamp_kd *kd)
 {
-    bits_part parts[5];
+    bits_part parts[7];
 
     parts[0].end = offsetof(envsamp_kd, checksum);
     parts[0].size = 4;
     parts[1].end = parts[0].end + 4;
     parts[1].size = 0;              /* the checksum */
-    parts[2].end = offsetof(envsamp_kd, integral);
+    parts[2].end = offsetof(envsamp_kd, bytes);
     parts[2].size = 4;
-    parts[3].end = offsetof(envsamp_kd, mis_compensation);
+    parts[3].end = offsetof(envsamp_kd, select);
     parts[3].size = 8;
-    parts[4].end = envsamp_kd_bytes(kd);
+    parts[4].end = offsetof(envsamp_kd, fit_total);
     parts[4].size = 4;
-    add_table(kd, parts, 5);
+    parts[5].end = offsetof(envsamp_kd, spare);
+    parts[5].size = 8;
+    parts[6].end = envsamp_kd_bytes(kd);
+    parts[6].size = 4;
+    add_table(kd, parts, 7);
 }
 
 static void add_cdf_table(const envsamp_cdf *cdf)
