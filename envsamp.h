@@ -4019,11 +4019,12 @@ typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 192 ? 1 : -1];
 #define ENVSAMP__ARRAY_OUT(type, table, name) \
     ((type *)(void *)((char *)(table) + (table)->name##_at))
 
-
 /* The records, which follow the header, and what a link leads to. */
 #define ENVSAMP__RECORDS(kd) ((const envsamp__record *)(const void *)((kd) + 1))
 #define ENVSAMP__LINKED(type, kd, link) ((const type *)(const void *) \
-    ((const uint32_t *)(const void *)(kd) + ((link) & ~ENVSAMP__INNER)))
+    ((const char *)(kd) + 4 * (size_t)((link) & ~ENVSAMP__INNER)))
+#define ENVSAMP__LINKED_OUT(type, kd, link) ((type *)(void *) \
+    ((char *)(kd) + 4 * (size_t)((link) & ~ENVSAMP__INNER)))
 
 /* Bits of a power of two that is at least count. */
 static uint32_t envsamp__bits(uint32_t count)
@@ -4142,7 +4143,7 @@ static void envsamp__write_half(envsamp__pdf_writer *w, envsamp__pdf_node *node,
         if (envsamp__linked_cut(w->tree, below)) {
             *child = below;
             w->next[below] = w->pending;
-            w->pending = (uint32_t)(child - (uint32_t *)(void *)w->kd);
+            w->pending = (uint32_t)((char *)child - (char *)w->kd) / 4;
         } else {
             while (!(below & ENVSAMP__LEAF))
                 below = w->tree->cuts[below].child[0];
@@ -4153,11 +4154,11 @@ static void envsamp__write_half(envsamp__pdf_writer *w, envsamp__pdf_node *node,
 
 static void envsamp__write_pdf_nodes(envsamp__pdf_writer *w)
 {
-    uint32_t *words = (uint32_t *)(void *)w->kd, at = w->kd->nodes_at / 4, *child;
+    uint32_t at = w->kd->nodes_at / 4, *child;
     const envsamp__cut *cut = envsamp__odd_depths(w) ? NULL : w->tree->cuts;
 
     for (;; at += (uint32_t)sizeof(envsamp__pdf_node) / 4) {
-        envsamp__pdf_node *node = (envsamp__pdf_node *)(void *)(words + at);
+        envsamp__pdf_node *node = ENVSAMP__LINKED_OUT(envsamp__pdf_node, w->kd, at);
 
         node->cut[0] = envsamp__tree_cut(w->tree->map, cut);
         if (cut)
@@ -4165,7 +4166,7 @@ static void envsamp__write_pdf_nodes(envsamp__pdf_writer *w)
         envsamp__write_half(w, node, 1, cut ? cut->child[1] : envsamp__root(w->tree));
         if (!w->pending)
             return;
-        child = words + w->pending;
+        child = ENVSAMP__LINKED_OUT(uint32_t, w->kd, w->pending);
         cut = &w->tree->cuts[*child];
         w->pending = w->next[*child];
         *child = ENVSAMP__INNER | (at + (uint32_t)sizeof(envsamp__pdf_node) / 4);
@@ -4366,8 +4367,7 @@ static void envsamp__write_tile(envsamp__warp_writer *w, uint32_t i)
             envsamp__write_leaf(w, &part);
             continue;
         }
-        if (envsamp__write_cut(w, &part, (envsamp__sample_node *)(void *)((uint32_t *)(void *)kd
-                                                                          + at),
+        if (envsamp__write_cut(w, &part, ENVSAMP__LINKED_OUT(envsamp__sample_node, kd, at),
                                &stack[top + 1], &stack[top])) {
             *part.child = ENVSAMP__INNER | at;
             w->cut_count++;
@@ -4944,6 +4944,13 @@ static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
     return 1;
 }
 
+/* The same of a density node: at a multiple of its size from the first. */
+static int envsamp__node_link_valid(uint32_t link, uint32_t low, uint32_t first, uint32_t end)
+{
+    return envsamp__link_valid(link, low, end)
+        && (!(link & ENVSAMP__INNER) || ((link & ~ENVSAMP__INNER) - first) % 7 == 0);
+}
+
 /* Children come after their parents, so every descent ends. */
 static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
 {
@@ -4953,10 +4960,10 @@ static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
 
     for (i = 0; first + 7 * i < end; i++)
         for (k = 0; k < 4; k++)
-            if (!envsamp__link_valid(nodes[i].child[k], first + 7 * (i + 1), end))
+            if (!envsamp__node_link_valid(nodes[i].child[k], first + 7 * (i + 1), first, end))
                 return 0;
     for (i = 0; i < 1u << (kd->grid_bits_x + kd->grid_bits_y); i++)
-        if (!envsamp__link_valid(grid[i], first, end))
+        if (!envsamp__node_link_valid(grid[i], first, first, end))
             return 0;
     return 1;
 }
@@ -8392,6 +8399,7 @@ static void envsamp__survey_rows(envsamp__lights *l)
         for (c = 0; c < 3; c++)
             l->info.integral[c] += sum[i * channels + (channels == 1 ? 0 : c)];
 }
+
 static void envsamp__survey(envsamp__lights *l)
 {
     envsamp__cuts *cuts = l->cuts.regions ? &l->cuts : &l->relaxation.cuts;

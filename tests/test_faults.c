@@ -623,6 +623,7 @@ static void test_damaged_kd(int kind)
     end = KD_WORD(s.kd, grid_at) / 4;           /* in words, as links are */
     opened += opens_with(&s, node + 12, back | node / 4);       /* to itself */
     opened += opens_with(&s, node + 16, back | end);
+    opened += opens_with(&s, node + 16, back | (node / 4 + 8));     /* into the middle of one */
     opened += opens_with(&s, node + 16, infinite);
     opened += opens_with(&s, KD_WORD(s.kd, grid_at) + 16, back | end);
     if (kind != SAMPLER_WARP)
