@@ -4020,7 +4020,8 @@ typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 192 ? 1 : -1];
     ((type *)(void *)((char *)(table) + (table)->name##_at))
 
 /* The records, which follow the header, and what a link leads to. */
-#define ENVSAMP__RECORDS(kd) ((const envsamp__record *)(const void *)((kd) + 1))
+#define ENVSAMP__RECORDS(kd) \
+    ((const envsamp__record *)(const void *)((const char *)(kd) + sizeof(envsamp_kd)))
 #define ENVSAMP__LINKED(type, kd, link) ((const type *)(const void *) \
     ((const char *)(kd) + 4 * (size_t)((link) & ~ENVSAMP__INNER)))
 #define ENVSAMP__LINKED_OUT(type, kd, link) ((type *)(void *) \
@@ -4352,7 +4353,7 @@ static void envsamp__write_tile(envsamp__warp_writer *w, uint32_t i)
 {
     envsamp_kd *kd = w->kd;
     uint32_t columns = 1u << kd->tile_bits_x;
-    envsamp__record *tile = (envsamp__record *)(void *)(kd + 1) + i;
+    envsamp__record *tile = (envsamp__record *)(void *)((char *)kd + sizeof *kd) + i;
     envsamp__part *stack = w->stack;
     int top = 1;
 
@@ -4408,7 +4409,7 @@ struct envsamp__job {
     int next;                       /* the item of the phase */
     uint32_t magic;                 /* of a finished table */
     envsamp__check sums;
-    int (*work)(envsamp__job *job, int item);   /* of the other phases; 0 at the end of one */
+    int (*work)(void *job, int item);   /* of the other phases; 0 at the end of one */
 };
 
 /* A job of so many bytes at the beginning of a buffer, and what it reads the map with. */
@@ -4432,7 +4433,7 @@ static envsamp_result envsamp__job_check(const envsamp_image *image, envsamp_row
 }
 
 static void envsamp__job_start(envsamp__job *job, void *table, uint32_t magic,
-                               int (*work)(envsamp__job *, int), envsamp_row_fn fn, void *user,
+                               int (*work)(void *, int), envsamp_row_fn fn, void *user,
                                int strict)
 {
     job->table = table;
@@ -4606,7 +4607,7 @@ static double envsamp__excess(double second, double integral)
 static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__map *map = &job->base.map;
-    envsamp__record *record = (envsamp__record *)(void *)(kd + 1);
+    envsamp__record *record = (envsamp__record *)(void *)((char *)kd + sizeof *kd);
     double second = 0.0;
     uint32_t i;
 
@@ -4793,14 +4794,14 @@ static int envsamp__kd_split(envsamp_kd_job *job, int item)
     }
 }
 
-static int envsamp__kd_work(envsamp__job *base, int item)
+static int envsamp__kd_work(void *work, int item)
 {
-    envsamp_kd_job *job = (envsamp_kd_job *)(void *)base;
-    envsamp_kd *kd = (envsamp_kd *)base->table;
+    envsamp_kd_job *job = (envsamp_kd_job *)work;
+    envsamp_kd *kd = (envsamp_kd *)job->base.table;
     envsamp__pdf_writer nodes = { &job->tree, kd, NULL, NULL, 0 };
     uint32_t rows, high;
 
-    switch (base->phase) {
+    switch (job->base.phase) {
     case ENVSAMP__PROBABILITIES:
         envsamp__choose(job, kd);
         return 0;
@@ -5973,9 +5974,10 @@ static envsamp_result envsamp__cdf_read(envsamp_cdf_job *job, int y)
 }
 
 /* Rows of texels, then the rest of the table but for its checksum. Returns 0 after that. */
-static int envsamp__cdf_work(envsamp__job *base, int item)
+static int envsamp__cdf_work(void *work, int item)
 {
-    envsamp_cdf_job *job = (envsamp_cdf_job *)(void *)base;
+    envsamp_cdf_job *job = (envsamp_cdf_job *)work;
+    envsamp__job *base = &job->base;
     envsamp_cdf *cdf = (envsamp_cdf *)base->table;
 
     if (item < base->map.image_height) {
