@@ -2361,10 +2361,18 @@ static inline void envsamp__cell_mean(float a0, float a1, float c0, float c1, fl
     *variance = 0.25f * spread * (rise * rise) + (1.0f / 12.0f) * (dm * dm + spread * (dr * dr));
 }
 
+/* The value at t, 0..1, between a and b, not above both, so that it cannot overflow. */
+static inline float envsamp__mix(float a, float b, float t)
+{
+    float value = a + t * (b - a), high = a > b ? a : b;
+
+    return value < high ? value : high;
+}
+
 /* Maximum between knots a and c, of the part of a row. */
 static inline float envsamp__knot_peak(float a, float c, float top, float end)
 {
-    float upper = a + top * (c - a), lower = a + end * (c - a);
+    float upper = envsamp__mix(a, c, top), lower = envsamp__mix(a, c, end);
 
     return upper > lower ? upper : lower;
 }
@@ -2911,8 +2919,8 @@ static envsamp__moments envsamp__cut_cell(const envsamp__map *map, const float *
     for (i = 0; i < 2; i++) {
         const float *above = upper + column->knot[i], *below = lower + column->knot[i];
 
-        a[i] = above[0] + column->share[i] * (above[map->bilinear] - above[0]);
-        c[i] = below[0] + column->share[i] * (below[map->bilinear] - below[0]);
+        a[i] = envsamp__mix(above[0], above[map->bilinear], column->share[i]);
+        c[i] = envsamp__mix(below[0], below[map->bilinear], column->share[i]);
         peak[i] = envsamp__knot_peak(a[i], c[i], top, end);
     }
     envsamp__cell_mean(map->scale * a[0], map->scale * a[map->bilinear], map->scale * c[0],
@@ -7247,7 +7255,8 @@ static envsamp__region envsamp__make_region(const envsamp__cuts *cuts, int x0, i
 
 static double envsamp__spread(const envsamp__patch *sum)
 {
-    return envsamp__max(sum->luminance - envsamp__dot(sum->v, sum->v) / sum->luminance, 0.0);
+    return sum->luminance > 0.0
+         ? envsamp__max(sum->luminance - envsamp__dot(sum->v, sum->v) / sum->luminance, 0.0) : 0.0;
 }
 
 static void envsamp__set_key(const envsamp__cuts *cuts, envsamp__region *r)
