@@ -3655,23 +3655,16 @@ ENVSAMP__MATH double envsamp__model_log_ratio(double gamma, double g)
 #define ENVSAMP__BETA_MIN (-4.0)
 #define ENVSAMP__BETA_MAX 8.0
 
-/* Where parameters (log2 alpha, beta) still compute: alpha = 1000 n is a flat model. */
-static int envsamp__fit_in_range(const envsamp__fit *fit, const double *param)
-{
-    return param[0] >= ENVSAMP__LOG2_ALPHA_MIN
-        && param[0] <= 10.0 + envsamp__log2((double)fit->count)
-        && (fit->model == ENVSAMP_KD_LOG || (param[1] >= ENVSAMP__BETA_MIN
-                                              && param[1] <= ENVSAMP__BETA_MAX));
-}
-
-/* The objective at a point, DBL_MAX out of range; with its residuals, unless those are NULL. */
+/* The objective at parameters (log2 alpha, beta), with its residuals unless those are NULL. DBL_MAX
+   where the model does not compute: alpha = 1000 n is flat. */
 static double envsamp__fit_cost(const envsamp__fit *fit, const double *param, double *residual)
 {
-    double gamma = fit->model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(param[1]);
+    int power = fit->model == ENVSAMP_KD_POWER, chi2 = fit->objective == ENVSAMP_KD_CHI2, k;
+    double gamma = power ? envsamp__model_gamma(param[1]) : 0.0;
     double inverse_alpha, low = envsamp__model_g(gamma, 0.0), cost = 0.0, scale;
-    int k;
 
-    if (!envsamp__fit_in_range(fit, param))
+    if (param[0] < ENVSAMP__LOG2_ALPHA_MIN || param[0] > 10.0 + envsamp__log2((double)fit->count)
+        || (power && (param[1] < ENVSAMP__BETA_MIN || param[1] > ENVSAMP__BETA_MAX)))
         return DBL_MAX;
     inverse_alpha = envsamp__exp2(-param[0]);
     scale = 1.0 / envsamp__model_mass(gamma, (double)fit->count * inverse_alpha);
@@ -3681,14 +3674,9 @@ static double envsamp__fit_cost(const envsamp__fit *fit, const double *param, do
 
         low = high;
         bin = bin > 1e-30 ? bin : 1e-30;
-        if (fit->objective == ENVSAMP_KD_CHI2)
-            cost += target * target / bin;
-        else
-            cost += error < 0.0 ? -error : error;
-        if (residual && fit->objective == ENVSAMP_KD_CHI2)
-            residual[k] = target / ENVSAMP_SQRT(bin);
-        else if (residual)
-            residual[k] = error * fit->weight[k];
+        cost += chi2 ? target * target / bin : ENVSAMP__FABS(error);
+        if (residual)
+            residual[k] = chi2 ? target / ENVSAMP_SQRT(bin) : error * fit->weight[k];
     }
     return cost;
 }
@@ -3698,31 +3686,22 @@ static void envsamp__fit_residuals(const double *param, double *residual, void *
     const envsamp__fit *fit = (const envsamp__fit *)user;
 
     if (fit->count == 1)
-        residual[1] = 0.0;          /* two parameters want two residuals */
+        residual[1] = 0.0;          /* two parameters need two residuals */
     if (envsamp__fit_cost(fit, param, residual) == DBL_MAX)
         residual[0] = DBL_MAX;      /* its square is infinite: the solver turns back */
 }
 
-/* Finds the cost of a point, and keeps that if it is the best. */
-static void envsamp__fit_try(const envsamp__fit *fit, envsamp__fit_point *point,
-                             envsamp__fit_point *best)
-{
-    point->cost = envsamp__fit_cost(fit, point->param, NULL);
-    if (point->cost < best->cost)
-        *best = *point;
-}
-
 /* Levenberg-Marquardt from a point. CHI2 is a sum of squares as it stands. L1 becomes one by
    weights of 1/sqrt(|residual|) from the point before, again and again. */
-static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
+static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *best)
 {
     envsamp_lm_desc desc = { 1, 0, 30, 1e-10, 1e-10, 1e-10 };
-    int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3, pass, k;
-    envsamp__fit_point next = *point;
+    int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3, k;
+    envsamp__fit_point next = *best;
 
     desc.param_count = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
     desc.residual_count = envsamp__max_int(fit->count, desc.param_count);
-    for (pass = 0; pass < rounds; pass++) {
+    for (; rounds > 0; rounds--) {
         if (fit->objective == ENVSAMP_KD_L1) {
             for (k = 0; k < fit->count; k++)
                 fit->weight[k] = 1.0;
@@ -3731,7 +3710,8 @@ static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
                 fit->weight[k] = 1.0 / ENVSAMP_SQRT(ENVSAMP__FABS(fit->weight[k]) + 1e-9);
         }
         envsamp_lm(&desc, envsamp__fit_residuals, fit, next.param, fit->lm_scratch, NULL);
-        envsamp__fit_try(fit, &next, point);
+        next.cost = envsamp__fit_cost(fit, next.param, NULL);
+        *best = next.cost < best->cost ? next : *best;
     }
 }
 
@@ -3745,13 +3725,14 @@ static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best,
         envsamp__fit_point probe = *best;
 
         probe.param[0] += step;
-        envsamp__fit_try(fit, &probe, best);
-        step *= best->cost == probe.cost ? 1.5 : step > 0.0 ? -1.0 : -0.4;
+        probe.cost = envsamp__fit_cost(fit, probe.param, NULL);
+        step *= probe.cost < best->cost ? 1.5 : step > 0.0 ? -1.0 : -0.4;
+        *best = probe.cost < best->cost ? probe : *best;
     }
 }
 
-/* Climbs along the valley that POWER has: alpha and beta grow together, towards an exponential of
-   alpha / beta. Steps in beta, each with the best alpha near the one that keeps that ratio. */
+/* As steps along the valley that POWER has: alpha and beta grow together, towards an exponential
+   of alpha / beta. Steps in beta, each with the best alpha near the one that keeps that ratio. */
 static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best)
 {
     double step = 0.5;
@@ -3766,8 +3747,7 @@ static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best
         probe.cost = envsamp__fit_cost(fit, probe.param, NULL);
         envsamp__fit_line(fit, &probe, 0.25);
         step *= probe.cost < best->cost ? 1.5 : step > 0.0 ? -1.0 : -0.4;
-        if (probe.cost < best->cost)
-            *best = probe;
+        *best = probe.cost < best->cost ? probe : *best;
     }
 }
 
@@ -3775,8 +3755,8 @@ static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best
 static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
                               envsamp__fit_point *starts)
 {
-    double before = DBL_MAX;
     envsamp__fit_point last = { DBL_MAX, { 0.0, 0.0 } }, next = { 0.0, { 0.0, 0.0 } };
+    double before = DBL_MAX;
     int i, k;
 
     next.param[1] = beta;
@@ -3795,66 +3775,50 @@ static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
 }
 
 /* The global minimum: the objective has several local ones in alpha, and a wrong one costs up to
-   50 in excess variance. Scan, polish the best few, keep the best. */
+   50 in excess variance. */
 static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
 {
-    const double betas[] = { 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0 };
-    envsamp__fit_point starts[ENVSAMP__FIT_STARTS], best;
+    const double betas[] = { 1.0, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0 };
+    int i, scans = fit->model == ENVSAMP_KD_LOG ? 1 : (int)(sizeof betas / sizeof betas[0]);
     double step = fit->model == ENVSAMP_KD_LOG ? 0.25 : 1.0;
-    int i;
+    envsamp__fit_point starts[ENVSAMP__FIT_STARTS], best;
 
     for (i = 0; i < ENVSAMP__FIT_STARTS; i++)
         starts[i].cost = DBL_MAX;
-    if (fit->model == ENVSAMP_KD_LOG)
-        envsamp__fit_scan(fit, 1.0, step, starts);
-    else
-        for (i = 0; i < (int)(sizeof betas / sizeof betas[0]); i++)
-            envsamp__fit_scan(fit, betas[i], step, starts);
+    for (i = 0; i < scans; i++)
+        envsamp__fit_scan(fit, betas[i], step, starts);
     best = starts[0];
     for (i = 0; i < ENVSAMP__FIT_STARTS && starts[i].cost < DBL_MAX; i++) {
         envsamp__fit_polish(fit, &starts[i]);
         if (fit->objective == ENVSAMP_KD_L1)
             envsamp__fit_line(fit, &starts[i], 0.5 * step);
-        if (starts[i].cost < best.cost)
-            best = starts[i];
+        best = starts[i].cost < best.cost ? starts[i] : best;
     }
     if (fit->model == ENVSAMP_KD_POWER)
         envsamp__fit_climb(fit, &best);
     return best;
 }
 
-/* Heap sort of indices by falling key, equal keys by rising index. */
-static int envsamp__sorts_before(const double *key, uint32_t a, uint32_t b)
-{
-    return key[a] > key[b] || (key[a] == key[b] && a < b);
-}
-
+/* Sorts indices by falling key, equal keys by rising index: Shell's method. */
 static void envsamp__sort_descending(const double *key, uint32_t *order, int count)
 {
-    int start = count / 2, end = count;
+    int gap = 1, hole, i;
 
-    while (end > 1) {
-        uint32_t item;
-        int hole, child;
+    while (gap < count / 3)
+        gap = 3 * gap + 1;
+    for (; gap > 0; gap /= 3)
+        for (i = gap; i < count; i++) {
+            const uint32_t item = order[i];
 
-        if (start > 0) {
-            hole = --start;
-            item = order[hole];
-        } else {
-            item = order[--end];
-            order[end] = order[0];
-            hole = 0;
+            for (hole = i; hole >= gap; hole -= gap) {
+                const uint32_t above = order[hole - gap];
+
+                if (key[above] > key[item] || (key[above] == key[item] && above < item))
+                    break;
+                order[hole] = above;
+            }
+            order[hole] = item;
         }
-        for (child = 2 * hole + 1; child < end; child = 2 * hole + 1) {
-            if (child + 1 < end && envsamp__sorts_before(key, order[child], order[child + 1]))
-                child++;
-            if (!envsamp__sorts_before(key, item, order[child]))
-                break;
-            order[hole] = order[child];
-            hole = child;
-        }
-        order[hole] = item;
-    }
 }
 
 /* Rounds weights to whole draws out of 2^24: at least 1 for a weight above zero. Those below 1
@@ -3864,66 +3828,47 @@ static void envsamp__round_draws(const double *weight, int count, uint32_t *draw
 {
     const uint32_t all = 1u << 24;
     uint32_t lifted = 0, given = 0, was_lifted;
-    double rest = 0.0, scale, running = 0.0, total = 0.0;
+    double rest = 0.0, running = 0.0, scale;
     int i;
 
     for (i = 0; i < count; i++) {
-        total += weight[i];
+        rest += weight[i];
         draws[i] = 0;
     }
-    rest = total;
     do {                            /* lifting some may push the next below 1; few rounds do */
         was_lifted = lifted;
         scale = (double)(all - lifted) / rest;
         rest = 0.0;
         for (i = 0; i < count; i++)
             if (weight[i] > 0.0 && !draws[i]) {
-                if (weight[i] * scale < 1.0001) {   /* so that rounding cannot give it none */
-                    draws[i] = 1;
-                    lifted++;
-                } else {
-                    rest += weight[i];
-                }
+                draws[i] = weight[i] * scale < 1.0001;  /* so that rounding cannot give it none */
+                lifted += draws[i];
+                rest += draws[i] ? 0.0 : weight[i];
             }
     } while (lifted != was_lifted);
     for (i = 0; i < count; i++)
         if (weight[i] > 0.0 && !draws[i]) {
-            uint32_t upto;
-
             running += weight[i];
-            upto = (uint32_t)(running / rest * (double)(all - lifted) + 0.5);
-            draws[i] = upto - given;
-            given = upto;
+            draws[i] = (uint32_t)(running / rest * (double)(all - lifted) + 0.5) - given;
+            given += draws[i];
         }
 }
 
-/* Of the 2^24 draws bin i has 2^shift. The first `own` are of block i, the others of block `alias`:
-   together always 25 bits. */
-static inline uint32_t envsamp__bin(uint32_t own, uint32_t alias, int shift)
-{
-    return own << (24 - shift) | alias;
-}
-
 /* The alias method [2] on whole numbers, so nothing rounds and no weight turns negative. Uses up
-   `draws`. */
+   `draws`. Of the 2^24 draws bin i has 2^shift. The first `own` are of block i, the others of block
+   `alias`: together always 25 bits. */
 static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t *bins,
                                  uint32_t *stack)
 {
     uint32_t bin_count = 1u << (24 - shift), room = 1u << shift, light = 0, heavy = bin_count, i;
 
-    for (i = 0; i < bin_count; i++) {
-        uint32_t own = i < (uint32_t)count ? draws[i] : 0;
-
-        if (own < room)
-            stack[light++] = i;
-        else
-            stack[--heavy] = i;
-    }
+    for (i = 0; i < bin_count; i++)
+        stack[i >= (uint32_t)count || draws[i] < room ? light++ : --heavy] = i;
     while (light > 0) {
         uint32_t bin = stack[--light], donor = stack[heavy];
         uint32_t own = bin < (uint32_t)count ? draws[bin] : 0;
 
-        bins[bin] = envsamp__bin(own, donor, shift);
+        bins[bin] = own << (24 - shift) | donor;
         draws[donor] -= room - own;
         if (draws[donor] < room) {
             stack[light++] = donor;
@@ -3931,7 +3876,7 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
         }
     }
     for (; heavy < bin_count; heavy++)
-        bins[stack[heavy]] = envsamp__bin(room, stack[heavy], shift);
+        bins[stack[heavy]] = room << (24 - shift) | stack[heavy];
 }
 
 /* ============================================================================================
