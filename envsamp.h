@@ -5566,13 +5566,11 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  *
  * u1 chooses a row by its share of the light, u0 a texel of the row by its share of the row's.
  * Both are kept as whole parts of 2^24: a float u has that many values, so what is drawn is exactly
- * what the table says, the chance of a texel needs no rounding, and one difference of two edges
- * gives both its density and the place of a sample in it. In units of 2^-32, with which the edges
- * could follow the light more closely, texels would be drawn a 24-bit number more or less often
- * than claimed: bias, where here is a little variance.
+ * what the table says, and one difference of two edges gives both the density of a texel and the
+ * place of a sample in it. Edges in units of 2^-32 would follow the light more closely, but claim
+ * other chances than those of 24-bit numbers: bias, where here is a little variance.
  *
- * One block of memory without pointers, as for kd: the header below, then, each at a multiple of 16
- * bytes,
+ * One block of memory, as for kd: the header below, then, each at a multiple of 16 bytes,
  *
  *     rows        height + 1 x { float north, south, polar, density }: 1 - cos and 1 + cos of the
  *                 row's upper edge, and it in the coordinates of a kd table's nodes; density of a
@@ -5588,17 +5586,17 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  *                 of itself in its first texel, and is not drawn.
  *
  * From the texel where its cell begins, a draw is compared with WALK edges at once [6]; a cell
- * holds two to four texels on average. Where that does not reach, as many dark texels beside a lamp
- * may bring about, the texels up to the one where the next cell begins are halved.
+ * holds two to four texels on average. Where that does not reach, as beside a lamp, the texels up
+ * to the one where the next cell begins are halved.
  *
- * Fresh points wait for memory, first for the guide, then for the edges, longer than a processor
- * runs ahead. So a batch prefetches all guides, then all edges, before it reads the first: 1.5 to
- * 3.3 times as fast as without, 6 times as fast as binary search (bench/experiments.md).
+ * A fresh point waits for memory twice, for guide and edges. So a batch prefetches all guides, then
+ * all edges, before it reads the first: 1.5 to 3.3 times as fast (bench/experiments.md).
  * ========================================================================================== */
 
 #define ENVSAMP__CDF_MAGIC 0x434b5345u      /* "ESKC" in memory */
 #define ENVSAMP__CDF_VERSION 4u
-#define ENVSAMP__PARTS 0x1000000u           /* 2^24 */
+#define ENVSAMP__PARTS 0x1000000u           /* 2^24, */
+#define ENVSAMP__PARTS_2 281474976710656.0  /* and its square */
 #define ENVSAMP__WALK 4                     /* edges compared without a branch */
 
 typedef struct envsamp__cdf_row { float north, south, polar, density; } envsamp__cdf_row;
@@ -5669,32 +5667,25 @@ struct envsamp_cdf_job {
     double *square, *peak;          /* of each row: sum of L L / parts, largest L / parts */
 };
 
-static void envsamp__cdf_carve(envsamp_cdf_job *job, const envsamp_image *image,
-                               const envsamp_cdf_desc *desc, envsamp__arena *arena)
+/* Lays a build out: its scratch memory, the job first, and the header of its table. */
+static void envsamp__cdf_plan(const envsamp_image *image, const envsamp_cdf_desc *desc,
+                              envsamp__arena *arena, envsamp_cdf_job *job, envsamp_cdf *cdf)
 {
-    int bilinear = !desc->nearest;
-    uint64_t width = (uint64_t)image->width + (uint64_t)bilinear;
-    uint64_t height = (uint64_t)image->height + (uint64_t)bilinear;
-
-    envsamp__job_carve(&job->base, sizeof *job, image, bilinear, desc->mis_compensation,
-                       bilinear ? 2 : 1, arena);
-    job->weight = ENVSAMP__TAKE(double, arena, width + ENVSAMP__CHUNK - 1);
-    job->cell_square = ENVSAMP__TAKE(double, arena, width + ENVSAMP__CHUNK - 1);
-    job->cell_max = ENVSAMP__TAKE(float, arena, width + ENVSAMP__CHUNK - 1);
-    job->mass = ENVSAMP__TAKE(double, arena, height);
-    job->square = ENVSAMP__TAKE(double, arena, height);
-    job->peak = ENVSAMP__TAKE(double, arena, height);
-}
-
-/* Arrays end where the next one begins, but for a gap: nothing in a table is left to chance. */
-static void envsamp__cdf_clear_gaps(envsamp_cdf *cdf)
-{
-    const uint64_t ends[] = { cdf->row_edges_at, cdf->row_guide_at, cdf->polar_guide_at,
-                              cdf->guide_at, cdf->edges_at, cdf->bytes };
-    int i;
-
-    for (i = 0; i < 6; i++)
-        ENVSAMP_MEMSET((char *)cdf + ends[i] - ENVSAMP__GRANULE, 0, ENVSAMP__GRANULE);
+    ENVSAMP_MEMSET(cdf, 0, sizeof *cdf);
+    cdf->version = ENVSAMP__CDF_VERSION;
+    cdf->mapping = image->mapping;
+    cdf->bilinear = !desc->nearest;
+    cdf->image_width = (uint32_t)image->width;
+    cdf->image_height = (uint32_t)image->height;
+    envsamp__cdf_layout(cdf);
+    envsamp__job_carve(&job->base, sizeof *job, image, (int)cdf->bilinear, desc->mis_compensation,
+                       1 + cdf->bilinear, arena);
+    job->weight = ENVSAMP__TAKE(double, arena, cdf->width + ENVSAMP__CHUNK - 1);
+    job->cell_square = ENVSAMP__TAKE(double, arena, cdf->width + ENVSAMP__CHUNK - 1);
+    job->cell_max = ENVSAMP__TAKE(float, arena, cdf->width + ENVSAMP__CHUNK - 1);
+    job->mass = ENVSAMP__TAKE(double, arena, cdf->height);
+    job->square = ENVSAMP__TAKE(double, arena, cdf->height);
+    job->peak = ENVSAMP__TAKE(double, arena, cdf->height);
 }
 
 /* Shares 2^24 parts out by weights, of which `lit` are above zero: one for each of these, then the
@@ -5827,26 +5818,9 @@ static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
     job->peak[y] = peak[0];
 }
 
-/* Density of a part of a row with texels of `sr` each. It is the solid angle of the map, not that
-   between the edges as rounded to floats: so E[L / pdf] is the integral, however low the row. */
-static double envsamp__cdf_row_density(const uint32_t *row_edge, double sr)
-{
-    double unit = 1.0 / (double)ENVSAMP__UNIT;
-
-    return (double)(row_edge[1] - row_edge[0]) * unit * unit / sr;
-}
-
-/* The row that holds the beginning of a cell of the polar coordinate, from row y on. */
-static uint32_t envsamp__cdf_polar_row(const envsamp_cdf *cdf, uint32_t cell, uint32_t y)
-{
-    const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
-
-    while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
-        y++;
-    return y;
-}
-
-/* The rows, by their masses, and what all of it costs. */
+/* The rows, by their masses, and what all of it costs. Densities are by the solid angle of the map,
+   not that between the edges as rounded to floats: so E[L / pdf] is the integral, however low the
+   row. */
 static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf)
 {
     const envsamp__map *map = &job->base.map;
@@ -5854,17 +5828,16 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     uint32_t *edges = ENVSAMP__ARRAY_OUT(uint32_t, cdf, row_edges);
     uint16_t *polar_guide = ENVSAMP__ARRAY_OUT(uint16_t, cdf, polar_guide);
     double second = 0.0, peak = 0.0, total = 0.0;
-    int height = (int)cdf->height, y;
-    uint32_t lit = 0, cell, row;
+    uint32_t lit = 0, cell, y;
 
-    for (y = 0; y < height; y++) {
+    for (y = 0; y < cdf->height; y++) {
         total += job->mass[y];
         lit += job->mass[y] > 0.0;
     }
     envsamp__cdf_share(job->mass, cdf->height, total, lit, edges, cdf->row_bits,
                        ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
-    for (y = 0; y <= height; y++) {
-        float cap = envsamp__edge_y(map, envsamp__y_edge(map, y));
+    for (y = 0; y <= cdf->height; y++) {
+        float cap = envsamp__edge_y(map, envsamp__y_edge(map, (int)y));
         envsamp__polar_pair edge = envsamp__edge_pair(cap);
 
         rows[y].north = edge.north;
@@ -5873,63 +5846,61 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
                                                         envsamp__cdf_row_edge(rows + y), 1));
         rows[y].density = 0.0f;
     }
-    for (y = 0; y < height; y++) {
+    for (y = 0; y < cdf->height; y++) {
         if (!(job->mass[y] > 0.0))
             continue;
-        rows[y].density = (float)envsamp__cdf_row_density(edges + y, map->rows[y].sr);
+        rows[y].density = (float)((double)(edges[y + 1] - edges[y])
+                                  / ENVSAMP__PARTS_2 / map->rows[y].sr);
         second += job->square[y] / (double)rows[y].density;
         peak = envsamp__max(peak, job->peak[y] / (double)rows[y].density);
     }
     cdf->excess_variance = envsamp__excess(second, map->integral);
     cdf->max_ratio = peak / map->integral;
-    for (cell = row = 0; cell < 1u << cdf->polar_bits; cell++)
-        polar_guide[cell] = (uint16_t)(row = envsamp__cdf_polar_row(cdf, cell, row));
+    for (cell = y = 0; cell < 1u << cdf->polar_bits; cell++) {
+        while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
+            y++;
+        polar_guide[cell] = (uint16_t)y;
+    }
 }
 
-/* Reads a row of texels and writes the rows of cells that are complete with it. */
-static envsamp_result envsamp__cdf_read(envsamp_cdf_job *job, int y)
-{
-    envsamp__map *map = &job->base.map;
-    float *above = map->knots, *line = above + (map->bilinear ? map->stride : 0);
-    envsamp_result result = envsamp__source_row(&job->base.source, y, line + map->bilinear);
-
-    if (result != ENVSAMP_OK || !map->bilinear) {
-        if (result == ENVSAMP_OK)
-            envsamp__cdf_write_row(job, y);
-        return result;
-    }
-    envsamp__end_line(&job->base.source, y, line);
-    if (y == 0)
-        envsamp__border_line(&job->base.source, y, -1, line, above);
-    envsamp__cdf_write_row(job, y);
-    ENVSAMP_MEMCPY(above, line, map->stride * sizeof(float));
-    if (y + 1 == map->image_height) {
-        envsamp__border_line(&job->base.source, y, map->image_height, above, line);
-        envsamp__cdf_write_row(job, y + 1);
-    }
-    return ENVSAMP_OK;
-}
-
-/* Rows of texels, then the rest of the table but for its checksum. Returns 0 after that. */
+/* Reads a row of texels and writes the rows of cells that are complete with it. After the last
+   writes the rest of the table, but for its checksum, and returns 0. */
 static int envsamp__cdf_work(envsamp__job *base, int item)
 {
     envsamp_cdf_job *job = (envsamp_cdf_job *)(void *)base;
     envsamp_cdf *cdf = (envsamp_cdf *)base->table;
+    envsamp__source *source = &base->source;
+    envsamp__map *map = &base->map;
+    float *above = map->knots, *line = above + (map->bilinear ? map->stride : 0);
 
-    if (item < base->map.image_height) {
-        base->result = envsamp__cdf_read(job, item);
-        return 1;
+    if (item == map->image_height) {
+        base->result = map->integral > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
+        if (base->result != ENVSAMP_OK)
+            return 1;
+        envsamp__cdf_write_rows(job, cdf);
+        cdf->integral = source->compensation > 0.0f ? source->integral : map->integral;
+        cdf->mis_compensation = source->compensation;
+        cdf->bad_pixel_count = source->bad_pixel_count;
+        base->phase = (envsamp__phase)(ENVSAMP__CHECKSUM - 1);
+        return 0;
     }
-    if (!(base->map.integral > 0.0)) {
-        base->result = ENVSAMP_ERR_BLACK;
+    base->result = envsamp__source_row(source, item, line + map->bilinear);
+    if (base->result != ENVSAMP_OK)
         return 1;
+    if (map->bilinear) {
+        envsamp__end_line(source, item, line);
+        if (item == 0)
+            envsamp__border_line(source, item, -1, line, above);
     }
-    envsamp__cdf_write_rows(job, cdf);
-    cdf->integral = base->source.compensation > 0.0f ? base->source.integral : base->map.integral;
-    cdf->mis_compensation = base->source.compensation;
-    cdf->bad_pixel_count = base->source.bad_pixel_count;
-    base->phase = (envsamp__phase)(ENVSAMP__CHECKSUM - 1);
-    return 0;
+    envsamp__cdf_write_row(job, item);
+    if (map->bilinear) {
+        ENVSAMP_MEMCPY(above, line, map->stride * sizeof(float));
+        if (item + 1 == map->image_height) {
+            envsamp__border_line(source, item, map->image_height, above, line);
+            envsamp__cdf_write_row(job, item + 1);
+        }
+    }
+    return 1;
 }
 
 ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
@@ -5938,19 +5909,6 @@ ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
 
     ENVSAMP_MEMSET(&desc, 0, sizeof desc);
     return desc;
-}
-
-/* What a table says of its build from the start. */
-static void envsamp__cdf_head(envsamp_cdf *cdf, const envsamp_image *image,
-                              const envsamp_cdf_desc *desc)
-{
-    ENVSAMP_MEMSET(cdf, 0, sizeof *cdf);
-    cdf->version = ENVSAMP__CDF_VERSION;
-    cdf->mapping = image->mapping;
-    cdf->bilinear = !desc->nearest;
-    cdf->image_width = (uint32_t)image->width;
-    cdf->image_height = (uint32_t)image->height;
-    envsamp__cdf_layout(cdf);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
@@ -5968,8 +5926,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
     if (!envsamp__in_range(desc->mis_compensation, 0.0f, 1.0f)
         || !envsamp__is_zero(desc->importance_exponent))
         return ENVSAMP_ERR_PARAM;
-    envsamp__cdf_carve(&job, image, desc, &arena);
-    envsamp__cdf_head(&layout, image, desc);
+    envsamp__cdf_plan(image, desc, &arena, &job, &layout);
     return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
 
@@ -5983,6 +5940,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
     envsamp_cdf *cdf = (envsamp_cdf *)table.data;
     envsamp_sizes sizes;
     envsamp_result result;
+    int i;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
@@ -5994,9 +5952,13 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
     if (result != ENVSAMP_OK)
         return result;
     *job = (envsamp_cdf_job *)scratch.data;
-    envsamp__cdf_carve(*job, image, desc, &arena);
-    envsamp__cdf_head(cdf, image, desc);
-    envsamp__cdf_clear_gaps(cdf);
+    envsamp__cdf_plan(image, desc, &arena, *job, cdf);
+    for (i = 0; i < 6; i++) {           /* arrays end where the next one begins, but for a gap */
+        const uint64_t ends[] = { cdf->row_edges_at, cdf->row_guide_at, cdf->polar_guide_at,
+                                  cdf->guide_at, cdf->edges_at, cdf->bytes };
+
+        ENVSAMP_MEMSET((char *)cdf + ends[i] - ENVSAMP__GRANULE, 0, ENVSAMP__GRANULE);
+    }
     envsamp__job_start(&(*job)->base, cdf, ENVSAMP__CDF_MAGIC, envsamp__cdf_work, fn, user,
                        desc->strict);
     return ENVSAMP_OK;
@@ -6035,20 +5997,6 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
 }
 
 /* ---- opening ---- */
-
-/* Whether a header describes a table with its arrays where they belong. */
-static int envsamp__cdf_header_valid(const envsamp_cdf *cdf)
-{
-    envsamp_cdf layout;
-
-    if (cdf->bilinear > 1 || !envsamp__in_range(cdf->mis_compensation, 0.0f, 1.0f)
-        || cdf->image_width < 1 || cdf->image_width > 65535
-        || cdf->image_height < 1 || cdf->image_height > 65535)
-        return 0;
-    ENVSAMP_MEMCPY(&layout, cdf, sizeof layout);
-    envsamp__cdf_layout(&layout);
-    return !ENVSAMP_MEMCMP(&layout, cdf, sizeof layout);
-}
 
 /* Edges that rise from 0 to 2^24, and a guide that leads to them. */
 static int envsamp__cdf_edges_valid(const uint32_t *edges, uint32_t count, const uint16_t *guide,
@@ -6092,15 +6040,16 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
         const envsamp__edges row = { 0.0f, 1.0f, envsamp__cdf_row_edge(rows + y),
                                      envsamp__cdf_row_edge(rows + y + 1) };
         double sr = envsamp__edges_sr(cdf->mapping, &row) / (double)cdf->image_width;
-        double density = sr > 0.0 ? envsamp__cdf_row_density(edges + y, sr) : -1.0;
+        double density = (double)(edges[y + 1] - edges[y]) / ENVSAMP__PARTS_2 / sr;
 
-        if (!(density >= 0.0) || !(rows[y].polar < rows[y + 1].polar)
+        if (!(sr > 0.0) || !(rows[y].polar < rows[y + 1].polar)
             || !envsamp__in_range(rows[y].density, 0.0f, FLT_MAX)
             || !(ENVSAMP__FABS((double)rows[y].density - density) <= 0.01 * density))
             return 0;                                       /* edges of low rows are rounded */
     }
     for (cell = y = 0; cell < 1u << cdf->polar_bits; cell++) {
-        y = envsamp__cdf_polar_row(cdf, cell, y);
+        while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
+            y++;
         if (guide[cell] != y)
             return 0;
     }
@@ -6111,6 +6060,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                             const envsamp_cdf **cdf)
 {
     const envsamp_cdf *header = (const envsamp_cdf *)table;
+    envsamp_cdf layout;
     envsamp_result result;
     uint32_t y;
 
@@ -6121,7 +6071,13 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                   ENVSAMP__CDF_VERSION);
     if (result != ENVSAMP_OK)
         return result;
-    if (!envsamp__cdf_header_valid(header)
+    if (header->bilinear > 1 || !envsamp__in_range(header->mis_compensation, 0.0f, 1.0f)
+        || header->image_width < 1 || header->image_width > 65535
+        || header->image_height < 1 || header->image_height > 65535)
+        return ENVSAMP_ERR_FORMAT;
+    ENVSAMP_MEMCPY(&layout, header, sizeof layout);
+    envsamp__cdf_layout(&layout);
+    if (ENVSAMP_MEMCMP(&layout, header, sizeof layout)
         || !envsamp__cdf_edges_valid(ENVSAMP__ARRAY(uint32_t, header, row_edges), header->height,
                                      ENVSAMP__ARRAY(uint16_t, header, row_guide), header->row_bits)
         || !envsamp__cdf_rows_valid(header))
@@ -6192,77 +6148,69 @@ ENVSAMP__HOT uint32_t envsamp__draw(float u)
     return (uint32_t)(int)(envsamp__clamp_unit(u) * ENVSAMP__UNIT);
 }
 
-/* A texel, its density, and where in it a sample lies, [0, 1]. */
-typedef struct envsamp__texel { uint32_t column, row; float fx, fy, pdf; } envsamp__texel;
-
-/* How far a draw is from one edge to the next. Half a part on: else one in `parts` would lie on the
-   edge, where rounding decides which texel it belongs to. */
-ENVSAMP__HOT float envsamp__cdf_fraction(const uint32_t *edge, uint32_t draw)
-{
-    return ((float)(int)(draw - edge[0]) + 0.5f) / (float)(int)(edge[1] - edge[0]);
-}
-
-/* Density of a cell. Those at the sides of a bilinear map are half as wide. */
-ENVSAMP__HOT float envsamp__cdf_parts_pdf(const envsamp_cdf *cdf, uint32_t row, uint32_t column,
-                                          uint32_t parts)
-{
-    uint32_t half = cdf->bilinear & (uint32_t)((column == 0) | (column + 1 == cdf->width));
-
-    return (float)(int)(parts << half) * ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows)[row].density;
-}
+/* A texel; `valid` is 0 for some texel in place of none. */
+typedef struct envsamp__cdf_place { uint32_t column, row; int valid; } envsamp__cdf_place;
 
 /* The texel of a row that a number draws. */
-ENVSAMP__HOT envsamp__texel envsamp__cdf_texel(const envsamp_cdf *cdf, uint32_t row,
-                                               uint32_t across, uint32_t down)
+ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_place_of(const envsamp_cdf *cdf, uint32_t row,
+                                                      uint32_t across)
 {
-    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row);
-    const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row);
-    uint32_t column = envsamp__cdf_find(edge, cdf->width, guide, cdf->guide_bits, across);
-    envsamp__texel t;
+    envsamp__cdf_place at = { 0, row, 1 };
 
-    edge += column;
-    t.row = row;
-    t.column = column;
-    t.fx = envsamp__cdf_fraction(edge, across);
-    t.fy = envsamp__cdf_fraction(ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + row, down);
-    t.pdf = envsamp__cdf_parts_pdf(cdf, row, column, edge[1] - edge[0]);
-    return t;
+    at.column = envsamp__cdf_find(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row), cdf->width,
+                                  ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row), cdf->guide_bits,
+                                  across);
+    return at;
 }
 
-ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__texel t)
+/* Those at the sides of a bilinear map are half as wide. */
+ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_place at)
 {
-    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + t.row;
-    float x0 = (float)(int)t.column - cdf->offset, x1 = x0 + 1.0f;
+    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
+    uint32_t half = cdf->bilinear & (uint32_t)((at.column == 0) | (at.column + 1 == cdf->width));
+    float density = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows)[at.row].density;
+
+    return at.valid ? (float)(int)((edge[1] - edge[0]) << half) * density : 0.0f;
+}
+
+/* Where in its texel a sample lies. Draws are half a part further than they say: else one in so
+   many would lie on an edge, where rounding decides which texel it belongs to. */
+ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__cdf_place at,
+                                               uint32_t across, uint32_t down)
+{
+    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
+    const uint32_t *row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row;
+    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
+    float fx = ((float)(int)(across - edge[0]) + 0.5f) / (float)(int)(edge[1] - edge[0]);
+    float fy = ((float)(int)(down - row_edge[0]) + 0.5f) / (float)(int)(row_edge[1] - row_edge[0]);
+    float x0 = (float)(int)at.column - cdf->offset, x1 = x0 + 1.0f;
     float end = (float)(int)cdf->image_width;
     envsamp__point p;
 
     x0 = x0 > 0.0f ? x0 : 0.0f;
     x1 = x1 < end ? x1 : end;
-
-    p.x = envsamp__clamp_unit((x0 + t.fx * (x1 - x0)) * cdf->inverse_width);
-    p.north = row[0].north + t.fy * (row[1].north - row[0].north);
-    p.south = row[0].south + t.fy * (row[1].south - row[0].south);
+    p.x = envsamp__clamp_unit((x0 + fx * (x1 - x0)) * cdf->inverse_width);
+    p.north = row[0].north + fy * (row[1].north - row[0].north);
+    p.south = row[0].south + fy * (row[1].south - row[0].south);
     return p;
 }
 
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *cdf, float u0,
                                                              float u1)
 {
-    uint32_t down = envsamp__draw(u1);
-    envsamp__texel t;
+    uint32_t across = envsamp__draw(u0), down = envsamp__draw(u1);
+    envsamp__cdf_place at;
 
     ENVSAMP_ASSERT(cdf);
-    t = envsamp__cdf_texel(cdf, envsamp__cdf_find_row(cdf, down), envsamp__draw(u0), down);
-    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, t), t.pdf);
+    at = envsamp__cdf_place_of(cdf, envsamp__cdf_find_row(cdf, down), across);
+    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, at, across, down),
+                                 envsamp__cdf_density(cdf, at));
 }
 
 /* ---- density ---- */
 
-/* The texel in a direction; some texel, and `valid` 0, for what is none. r is |(x, y)|. A cell of
-   the guide meets one edge at most, so the loop is one step; the coordinate of a vector that is no
-   direction is 0, and so is its azimuth. */
-typedef struct envsamp__cdf_place { uint32_t column, row; int valid; } envsamp__cdf_place;
-
+/* The texel in a direction. r is |(x, y)|. A cell of the guide meets one edge at most, so the loop
+   is one step; the coordinate of a vector that is no direction is 0, and so is its azimuth. */
 ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x, float y, float z,
                                                 float r)
 {
@@ -6283,20 +6231,11 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
     return at;
 }
 
-ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_place at)
-{
-    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
-
-    return at.valid ? envsamp__cdf_parts_pdf(cdf, at.row, at.column, edge[1] - edge[0]) : 0.0f;
-}
-
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_cdf_pdf(const envsamp_cdf *cdf, const float dir[3])
 {
-    float r;
-
     ENVSAMP_ASSERT(cdf && dir);
-    r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
-    return envsamp__cdf_density(cdf, envsamp__cdf_at(cdf, dir[0], dir[1], dir[2], r));
+    return envsamp__cdf_density(cdf, envsamp__cdf_at(cdf, dir[0], dir[1], dir[2],
+                                    ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1])));
 }
 
 /* The number that draws the fraction f of the way from one edge to the next. */
@@ -6339,86 +6278,75 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
 
 /* ---- many at a time ---- */
 
-/* At most ENVSAMP__BATCH samples. Cells of all guides, then all edges, are fetched into the cache
-   before the first is read: one sample at a time waits for both. Directions are those of a whole
-   batch, or of some multiple of 16, so that compilers vectorise them. */
-static void envsamp__cdf_sample_batch(const envsamp_cdf *cdf, int n, const float *u0,
-                                      const float *u1, float *const out[4])
+/* Cells of all guides, then all edges, of a batch are fetched into the cache before the first is
+   read. Directions are those of a whole batch, or of some multiple of 16, so that compilers
+   vectorise them. */
+ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
+                                      const float *u1, float *x, float *y, float *z, float *pdf)
 {
     uint32_t row[ENVSAMP__BATCH], across[ENVSAMP__BATCH], down[ENVSAMP__BATCH];
     float dir[3][ENVSAMP__BATCH];
     envsamp__batch batch;
-    int i, k;
-
-    if (n < ENVSAMP__BATCH)
-        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
-    for (i = 0; i < n; i++) {
-        across[i] = envsamp__draw(u0[i]);
-        down[i] = envsamp__draw(u1[i]);
-        row[i] = envsamp__cdf_find_row(cdf, down[i]);
-        ENVSAMP__PREFETCH(ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i])
-                          + (across[i] >> (24 - cdf->guide_bits)));
-    }
-    for (i = 0; i < n; i++) {
-        const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i]);
-        const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row[i])
-                             + guide[across[i] >> (24 - cdf->guide_bits)];
-
-        ENVSAMP__PREFETCH(edge);
-        ENVSAMP__PREFETCH(edge + ENVSAMP__WALK);
-    }
-    for (i = 0; i < n; i++) {
-        envsamp__texel t = envsamp__cdf_texel(cdf, row[i], across[i], down[i]);
-
-        envsamp__batch_put(&batch, i, envsamp__cdf_point(cdf, t), t.pdf);
-    }
-    envsamp__point_dirs(cdf->mapping, (n + 15) & 0x70, batch.at, dir[0], dir[1], dir[2]);
-    for (k = 0; k < 4; k++)
-        ENVSAMP_MEMCPY(out[k], k < 3 ? dir[k] : batch.at + 3 * ENVSAMP__BATCH,
-                       (size_t)n * sizeof(float));
-}
-
-ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
-                                      const float *u1, float *x, float *y, float *z, float *pdf)
-{
-    size_t i;
-
-    ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
-    for (i = 0; i < n; i += ENVSAMP__BATCH) {
-        float *const out[4] = { x + i, y + i, z + i, pdf + i };
-
-        envsamp__cdf_sample_batch(cdf, n - i < ENVSAMP__BATCH ? (int)(n - i) : ENVSAMP__BATCH,
-                                  u0 + i, u1 + i, out);
-    }
-}
-
-static void envsamp__cdf_pdf_batch(const envsamp_cdf *cdf, int n, const float *x, const float *y,
-                                   const float *z, float *pdf)
-{
-    envsamp__cdf_place at[ENVSAMP__BATCH];
-    float r[ENVSAMP__BATCH];
+    size_t start;
     int i;
 
-    for (i = 0; i < n; i++)
-        r[i] = x[i] * x[i] + y[i] * y[i];
-    envsamp__sqrt_n(r, n);
-    for (i = 0; i < n; i++) {
-        at[i] = envsamp__cdf_at(cdf, x[i], y[i], z[i], r[i]);
-        ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
+    ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
+    if (n % ENVSAMP__BATCH)
+        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
+    for (start = 0; start < n; start += ENVSAMP__BATCH) {
+        int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
+        size_t bytes = (size_t)count * sizeof(float);
+
+        for (i = 0; i < count; i++) {
+            across[i] = envsamp__draw(u0[start + (size_t)i]);
+            down[i] = envsamp__draw(u1[start + (size_t)i]);
+            row[i] = envsamp__cdf_find_row(cdf, down[i]);
+            ENVSAMP__PREFETCH(ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i])
+                              + (across[i] >> (24 - cdf->guide_bits)));
+        }
+        for (i = 0; i < count; i++) {
+            const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i]);
+            const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row[i])
+                                 + guide[across[i] >> (24 - cdf->guide_bits)];
+
+            ENVSAMP__PREFETCH(edge);
+            ENVSAMP__PREFETCH(edge + ENVSAMP__WALK);
+        }
+        for (i = 0; i < count; i++) {
+            envsamp__cdf_place at = envsamp__cdf_place_of(cdf, row[i], across[i]);
+
+            envsamp__batch_put(&batch, i, envsamp__cdf_point(cdf, at, across[i], down[i]),
+                               envsamp__cdf_density(cdf, at));
+        }
+        envsamp__point_dirs(cdf->mapping, (count + 15) & 0x70, batch.at, dir[0], dir[1], dir[2]);
+        ENVSAMP_MEMCPY(x + start, dir[0], bytes);
+        ENVSAMP_MEMCPY(y + start, dir[1], bytes);
+        ENVSAMP_MEMCPY(z + start, dir[2], bytes);
+        ENVSAMP_MEMCPY(pdf + start, batch.at + 3 * ENVSAMP__BATCH, bytes);
     }
-    for (i = 0; i < n; i++)
-        pdf[i] = envsamp__cdf_density(cdf, at[i]);
 }
 
 ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float *x,
                                    const float *y, const float *z, float *pdf)
 {
-    size_t i;
+    envsamp__cdf_place at[ENVSAMP__BATCH];
+    float r[ENVSAMP__BATCH];
+    size_t start, i;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
-    for (i = 0; i < n; i += ENVSAMP__BATCH)
-        envsamp__cdf_pdf_batch(cdf, n - i < ENVSAMP__BATCH ? (int)(n - i) : ENVSAMP__BATCH,
-                               x + i, y + i, z + i, pdf + i);
+    for (start = 0; start < n; start += ENVSAMP__BATCH) {
+        size_t count = n - start < ENVSAMP__BATCH ? n - start : ENVSAMP__BATCH;
+
+        for (i = 0; i < count; i++)
+            r[i] = x[start + i] * x[start + i] + y[start + i] * y[start + i];
+        envsamp__sqrt_n(r, (int)count);
+        for (i = 0; i < count; i++) {
+            at[i] = envsamp__cdf_at(cdf, x[start + i], y[start + i], z[start + i], r[i]);
+            ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
+        }
+        for (i = 0; i < count; i++)
+            pdf[start + i] = envsamp__cdf_density(cdf, at[i]);
+    }
 }
 
 /* ============================================================================================
