@@ -1164,6 +1164,18 @@ ENVSAMP__HOT void envsamp__sqrt_n(float *x, int n)
         x[i] = ENVSAMP_SQRTF(x[i]);
 }
 
+static inline void envsamp__sqrt_double_n(double *x, int n)
+{
+    int i = 0;
+
+#if defined(ENVSAMP__SSE) && defined(__SSE2__)
+    for (; i + 2 <= n; i += 2)
+        _mm_storeu_pd(x + i, _mm_sqrt_pd(_mm_loadu_pd(x + i)));
+#endif
+    for (; i < n; i++)
+        x[i] = ENVSAMP_SQRT(x[i]);
+}
+
 #if defined(__GNUC__) && defined(ENVSAMP__HOST_ONLY)
 #define ENVSAMP__PREFETCH(p) __builtin_prefetch(p)
 #elif defined(ENVSAMP__SSE)
@@ -5742,13 +5754,13 @@ static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
 {
     envsamp__map *map = &job->base.map;
     const envsamp__row_part *part = &map->rows[y];
-    double total[8] = { 0.0 }, sum[8] = { 0.0 }, above[8] = { 0.0 }, light[8];
+    double total[8] = { 0.0 }, sum[8] = { 0.0 }, above[8] = { 0.0 };
+    double light[8], square[8], weight[8];
+    float peak[8];
     int x0, x, side;
 
     for (x0 = 0; x0 < map->width; x0 += 8) {
         int count = envsamp__min(8, map->width - x0);
-        double *weight = job->weight + x0, *square = job->cell_square + x0;
-        float *peak = job->cell_max + x0;
 
         envsamp__cdf_cells(map, part, map->knots + x0, light, square, peak);
         for (x = count; x < 8; x++) {
@@ -5763,12 +5775,20 @@ static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
             square[x] *= 0.25;              /* by solid angle, and in units of the width */
             peak[x] *= 0.5f;
         }
+        ENVSAMP_MEMCPY(weight, light, sizeof weight);
+        if (map->bilinear) {
+            for (x = 0; x < 8; x++)
+                weight[x] = part->sr * square[x];
+            envsamp__sqrt_double_n(weight, 8);
+        }
         for (x = 0; x < 8; x++) {
-            weight[x] = map->bilinear ? envsamp__q(part->sr, square[x]) : light[x];
             total[x] += weight[x];
             sum[x] += light[x];
             above[x] += weight[x] > 0.0 ? 1.0 : 0.0;
         }
+        ENVSAMP_MEMCPY(job->weight + x0, weight, sizeof weight);
+        ENVSAMP_MEMCPY(job->cell_square + x0, square, sizeof square);
+        ENVSAMP_MEMCPY(job->cell_max + x0, peak, sizeof peak);
     }
     for (; x0 % ENVSAMP__CHUNK; x0++)       /* to whole chunks */
         job->cell_square[x0] = (double)(job->cell_max[x0] = 0.0f);
@@ -5789,22 +5809,26 @@ static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
     uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY_OUT, cdf, y), lit;
     double square[ENVSAMP__CHUNK] = { 0.0 }, peak[ENVSAMP__CHUNK] = { 0.0 };
     double inverse[ENVSAMP__CHUNK];
+    uint32_t end[ENVSAMP__CHUNK + 1];
     int width = (int)cdf->width, x0, x;
 
     job->mass[y] = envsamp__cdf_weigh_row(job, y, &lit);
     envsamp__cdf_share(job->weight, cdf->width, job->mass[y], lit, edges, cdf->guide_bits,
                        ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y));
-    for (x0 = 0; x0 < width; x0 += ENVSAMP__CHUNK, edges += ENVSAMP__CHUNK) {
+    for (x0 = 0; x0 < width; x0 += ENVSAMP__CHUNK) {
         const double *cell_square = job->cell_square + x0;
         const float *cell_max = job->cell_max + x0;
 
-        for (x = 0; x < ENVSAMP__CHUNK; x++) {  /* a cell without parts costs nothing */
-            uint32_t parts = x0 + x < width ? edges[x + 1] - edges[x] : 0;
+        const uint32_t *edge = edges + x0;
 
-            inverse[x] = (double)(int)(parts + !parts);
+        if (x0 + ENVSAMP__CHUNK > width) {
+            for (x = 0; x <= ENVSAMP__CHUNK; x++)
+                end[x] = ENVSAMP__PARTS;
+            ENVSAMP_MEMCPY(end, edge, (size_t)(width - x0) * sizeof *edge);
+            edge = end;
         }
-        for (x = 0; x < ENVSAMP__CHUNK; x++)
-            inverse[x] = 1.0 / inverse[x];
+        for (x = 0; x < ENVSAMP__CHUNK; x++)    /* a cell without parts costs nothing */
+            inverse[x] = 1.0 / (double)(int)(edge[x + 1] - edge[x] + (edge[x + 1] == edge[x]));
         for (x = 0; x < ENVSAMP__CHUNK; x++)
             square[x] += cell_square[x] * inverse[x];
         for (x = 0; x < ENVSAMP__CHUNK; x++)
@@ -5837,17 +5861,13 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     envsamp__cdf_share(job->mass, cdf->height, total, lit, edges, cdf->row_bits,
                        ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
     for (y = 0; y <= cdf->height; y++) {
-        float cap = envsamp__edge_y(map, envsamp__y_edge(map, (int)y));
-        envsamp__polar_pair edge = envsamp__edge_pair(cap);
+        float edge = envsamp__edge_y(map, envsamp__y_edge(map, (int)y));
 
-        rows[y].north = edge.north;
-        rows[y].south = edge.south;
-        rows[y].polar = ENVSAMP_FABSF(envsamp__node_cut(cdf->mapping,
-                                                        envsamp__cdf_row_edge(rows + y), 1));
+        rows[y].north = envsamp__edge_pair(edge).north;
+        rows[y].south = envsamp__edge_pair(edge).south;
+        rows[y].polar = ENVSAMP_FABSF(envsamp__node_cut(cdf->mapping, edge, 1));
         rows[y].density = 0.0f;
-    }
-    for (y = 0; y < cdf->height; y++) {
-        if (!(job->mass[y] > 0.0))
+        if (y == cdf->height || !(job->mass[y] > 0.0))
             continue;
         rows[y].density = (float)((double)(edges[y + 1] - edges[y])
                                   / ENVSAMP__PARTS_2 / map->rows[y].sr);
@@ -5971,14 +5991,10 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_step(envsamp_cdf_job *job, int count, int
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_finish(envsamp_cdf_job *job, const envsamp_cdf **cdf)
 {
-    envsamp_result result;
+    envsamp_result result = cdf ? envsamp_cdf_step(job, INT_MAX, NULL) : ENVSAMP_ERR_NULL;
 
-    if (!cdf)
-        return ENVSAMP_ERR_NULL;
-    *cdf = NULL;
-    result = envsamp_cdf_step(job, INT_MAX, NULL);
-    if (result == ENVSAMP_OK)
-        *cdf = (const envsamp_cdf *)job->base.table;
+    if (cdf)
+        *cdf = result == ENVSAMP_OK ? (const envsamp_cdf *)job->base.table : NULL;
     return result;
 }
 
@@ -5986,13 +6002,12 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
                                              const envsamp_cdf_desc *desc, envsamp_buffer table,
                                              envsamp_buffer scratch, const envsamp_cdf **cdf)
 {
-    envsamp_cdf_job *job;
-    envsamp_result result;
+    envsamp_cdf_job *job = NULL;
+    envsamp_result result = envsamp_cdf_begin(image, NULL, NULL, desc, table, scratch,
+                                              cdf ? &job : NULL);
 
-    if (!cdf)
-        return ENVSAMP_ERR_NULL;
-    *cdf = NULL;
-    result = envsamp_cdf_begin(image, NULL, NULL, desc, table, scratch, &job);
+    if (cdf)
+        *cdf = NULL;
     return result == ENVSAMP_OK ? envsamp_cdf_finish(job, cdf) : result;
 }
 
@@ -6032,8 +6047,7 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
 
         if (!envsamp__in_range(edge, -1.0f, 1.0f) || !envsamp__in_range(rows[y].polar, 0.0f, 2.0f)
             || (cdf->mapping != ENVSAMP_LATLONG && envsamp__sign(edge))
-            || envsamp__float_bits(sides.north) != envsamp__float_bits(rows[y].north)
-            || envsamp__float_bits(sides.south) != envsamp__float_bits(rows[y].south))
+            || ENVSAMP_MEMCMP(&sides, rows + y, sizeof sides))
             return 0;
     }
     for (y = 0; y < cdf->height; y++) {
@@ -6113,8 +6127,8 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_get_info(const envsamp_cdf *cdf, envsamp_
 
 /* ---- sampling ---- */
 
-/* The index i with edges[i] <= draw < edges[i + 1]. The first steps are taken without a branch: one
-   that is guessed wrong costs more than they do, and keeps the next sample from beginning. */
+/* The index i with edges[i] <= draw < edges[i + 1]. The first steps are without a branch: a
+   mispredict costs more than they do. */
 ENVSAMP__HOT uint32_t envsamp__cdf_find(const uint32_t *edges, uint32_t count,
                                         const uint16_t *guide, uint32_t bits, uint32_t draw)
 {
@@ -6251,11 +6265,10 @@ ENVSAMP__MATH float envsamp__cdf_number(const uint32_t *edge, double f)
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const float dir[3],
                                                   float u[2])
 {
-    const uint32_t *edge, *row_edge;
-    const envsamp__cdf_row *row;
-    double x0, x1;
+    double x0, x1, fy;
     envsamp__cdf_place at;
     envsamp__exact e;
+    const envsamp__cdf_row *row;
 
     ENVSAMP_ASSERT(cdf && dir && u);
     u[0] = u[1] = 0.0f;
@@ -6264,15 +6277,14 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
     if (!(envsamp__cdf_density(cdf, at) > 0.0f))
         return 0;
     e = envsamp__dir_exact(cdf->mapping, dir);
+    x0 = (double)at.column - (double)cdf->offset;
+    x1 = envsamp__min_double(x0 + 1.0, (double)cdf->image_width);
+    x0 = envsamp__max(x0, 0.0);
     row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
-    edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
-    row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row;
-    x0 = envsamp__max((double)at.column - (double)cdf->offset, 0.0);
-    x1 = envsamp__min_double((double)at.column + 1.0 - (double)cdf->offset,
-                             (double)cdf->image_width);
-    u[0] = envsamp__cdf_number(edge, (e.x * (double)cdf->image_width - x0) / (x1 - x0));
-    u[1] = envsamp__cdf_number(row_edge, envsamp__exact_between(e, envsamp__cdf_row_edge(row),
-                                                                envsamp__cdf_row_edge(row + 1)));
+    fy = envsamp__exact_between(e, envsamp__cdf_row_edge(row), envsamp__cdf_row_edge(row + 1));
+    u[0] = envsamp__cdf_number(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column,
+                               (e.x * (double)cdf->image_width - x0) / (x1 - x0));
+    u[1] = envsamp__cdf_number(ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row, fy);
     return 1;
 }
 
@@ -8834,23 +8846,21 @@ static void envsamp__lm_iterate(envsamp__lm *lm)
     }
 }
 
-/* 0 or more, or infinite; no NaN. */
-static int envsamp__lm_is_tolerance(const double *asked)
-{
-    uint64_t bits = envsamp__double_bits(asked);
-
-    return bits <= (uint64_t)0x7ff << 52 || bits == (uint64_t)1 << 63;
-}
-
 ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
 {
     size_t row_bytes;
+    int i;
 
     if (!desc || desc->param_count < 1 || desc->param_count > ENVSAMP__LM_MAX_PARAMS
-        || desc->residual_count < desc->param_count || desc->max_iterations < 0
-        || !envsamp__lm_is_tolerance(&desc->ftol) || !envsamp__lm_is_tolerance(&desc->xtol)
-        || !envsamp__lm_is_tolerance(&desc->gtol))
+        || desc->residual_count < desc->param_count || desc->max_iterations < 0)
         return 0;
+    for (i = 0; i < 3; i++) {       /* tolerances: 0 or more, or infinite, but no NaN */
+        uint64_t bits = envsamp__double_bits(i == 0 ? &desc->ftol : i == 1 ? &desc->xtol
+                                                                           : &desc->gtol);
+
+        if (bits > (uint64_t)0x7ff << 52 && bits != (uint64_t)1 << 63)
+            return 0;
+    }
     row_bytes = ((size_t)desc->param_count + 2) * sizeof(double);
     return (size_t)desc->residual_count > (size_t)-1 / row_bytes
         ? 0 : row_bytes * (size_t)desc->residual_count;
