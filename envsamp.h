@@ -1164,6 +1164,18 @@ ENVSAMP__HOT void envsamp__sqrt_n(float *x, int n)
         x[i] = ENVSAMP_SQRTF(x[i]);
 }
 
+static inline void envsamp__sqrt_double_n(double *x, int n)
+{
+    int i = 0;
+
+#if defined(ENVSAMP__SSE) && defined(__SSE2__)
+    for (; i + 2 <= n; i += 2)
+        _mm_storeu_pd(x + i, _mm_sqrt_pd(_mm_loadu_pd(x + i)));
+#endif
+    for (; i < n; i++)
+        x[i] = ENVSAMP_SQRT(x[i]);
+}
+
 #if defined(__GNUC__) && defined(ENVSAMP__HOST_ONLY)
 #define ENVSAMP__PREFETCH(p) __builtin_prefetch(p)
 #elif defined(ENVSAMP__SSE)
@@ -3663,23 +3675,16 @@ ENVSAMP__MATH double envsamp__model_log_ratio(double gamma, double g)
 #define ENVSAMP__BETA_MIN (-4.0)
 #define ENVSAMP__BETA_MAX 8.0
 
-/* Where parameters (log2 alpha, beta) still compute: alpha = 1000 n is a flat model. */
-static int envsamp__fit_in_range(const envsamp__fit *fit, const double *param)
-{
-    return param[0] >= ENVSAMP__LOG2_ALPHA_MIN
-        && param[0] <= 10.0 + envsamp__log2((double)fit->count)
-        && (fit->model == ENVSAMP_KD_LOG || (param[1] >= ENVSAMP__BETA_MIN
-                                              && param[1] <= ENVSAMP__BETA_MAX));
-}
-
-/* The objective at a point, DBL_MAX out of range; with its residuals, unless those are NULL. */
+/* The objective at parameters (log2 alpha, beta), with its residuals unless those are NULL. DBL_MAX
+   where the model does not compute: alpha = 1000 n is flat. */
 static double envsamp__fit_cost(const envsamp__fit *fit, const double *param, double *residual)
 {
-    double gamma = fit->model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(param[1]);
+    int power = fit->model == ENVSAMP_KD_POWER, chi2 = fit->objective == ENVSAMP_KD_CHI2, k;
+    double gamma = power ? envsamp__model_gamma(param[1]) : 0.0;
     double inverse_alpha, low = envsamp__model_g(gamma, 0.0), cost = 0.0, scale;
-    int k;
 
-    if (!envsamp__fit_in_range(fit, param))
+    if (param[0] < ENVSAMP__LOG2_ALPHA_MIN || param[0] > 10.0 + envsamp__log2((double)fit->count)
+        || (power && (param[1] < ENVSAMP__BETA_MIN || param[1] > ENVSAMP__BETA_MAX)))
         return DBL_MAX;
     inverse_alpha = envsamp__exp2(-param[0]);
     scale = 1.0 / envsamp__model_mass(gamma, (double)fit->count * inverse_alpha);
@@ -3689,14 +3694,9 @@ static double envsamp__fit_cost(const envsamp__fit *fit, const double *param, do
 
         low = high;
         bin = bin > 1e-30 ? bin : 1e-30;
-        if (fit->objective == ENVSAMP_KD_CHI2)
-            cost += target * target / bin;
-        else
-            cost += error < 0.0 ? -error : error;
-        if (residual && fit->objective == ENVSAMP_KD_CHI2)
-            residual[k] = target / ENVSAMP_SQRT(bin);
-        else if (residual)
-            residual[k] = error * fit->weight[k];
+        cost += chi2 ? target * target / bin : ENVSAMP__FABS(error);
+        if (residual)
+            residual[k] = chi2 ? target / ENVSAMP_SQRT(bin) : error * fit->weight[k];
     }
     return cost;
 }
@@ -3706,31 +3706,22 @@ static void envsamp__fit_residuals(const double *param, double *residual, void *
     const envsamp__fit *fit = (const envsamp__fit *)user;
 
     if (fit->count == 1)
-        residual[1] = 0.0;          /* two parameters want two residuals */
+        residual[1] = 0.0;          /* two parameters need two residuals */
     if (envsamp__fit_cost(fit, param, residual) == DBL_MAX)
         residual[0] = DBL_MAX;      /* its square is infinite: the solver turns back */
 }
 
-/* Finds the cost of a point, and keeps that if it is the best. */
-static void envsamp__fit_try(const envsamp__fit *fit, envsamp__fit_point *point,
-                             envsamp__fit_point *best)
-{
-    point->cost = envsamp__fit_cost(fit, point->param, NULL);
-    if (point->cost < best->cost)
-        *best = *point;
-}
-
 /* Levenberg-Marquardt from a point. CHI2 is a sum of squares as it stands. L1 becomes one by
    weights of 1/sqrt(|residual|) from the point before, again and again. */
-static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
+static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *best)
 {
     envsamp_lm_desc desc = { 1, 0, 30, 1e-10, 1e-10, 1e-10 };
-    int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3, pass, k;
-    envsamp__fit_point next = *point;
+    int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3, k;
+    envsamp__fit_point next = *best;
 
     desc.param_count = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
     desc.residual_count = envsamp__max_int(fit->count, desc.param_count);
-    for (pass = 0; pass < rounds; pass++) {
+    for (; rounds > 0; rounds--) {
         if (fit->objective == ENVSAMP_KD_L1) {
             for (k = 0; k < fit->count; k++)
                 fit->weight[k] = 1.0;
@@ -3739,7 +3730,8 @@ static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *point)
                 fit->weight[k] = 1.0 / ENVSAMP_SQRT(ENVSAMP__FABS(fit->weight[k]) + 1e-9);
         }
         envsamp_lm(&desc, envsamp__fit_residuals, fit, next.param, fit->lm_scratch, NULL);
-        envsamp__fit_try(fit, &next, point);
+        next.cost = envsamp__fit_cost(fit, next.param, NULL);
+        *best = next.cost < best->cost ? next : *best;
     }
 }
 
@@ -3753,13 +3745,14 @@ static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best,
         envsamp__fit_point probe = *best;
 
         probe.param[0] += step;
-        envsamp__fit_try(fit, &probe, best);
-        step *= best->cost == probe.cost ? 1.5 : step > 0.0 ? -1.0 : -0.4;
+        probe.cost = envsamp__fit_cost(fit, probe.param, NULL);
+        step *= probe.cost < best->cost ? 1.5 : step > 0.0 ? -1.0 : -0.4;
+        *best = probe.cost < best->cost ? probe : *best;
     }
 }
 
-/* Climbs along the valley that POWER has: alpha and beta grow together, towards an exponential of
-   alpha / beta. Steps in beta, each with the best alpha near the one that keeps that ratio. */
+/* As steps along the valley that POWER has: alpha and beta grow together, towards an exponential
+   of alpha / beta. Steps in beta, each with the best alpha near the one that keeps that ratio. */
 static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best)
 {
     double step = 0.5;
@@ -3774,8 +3767,7 @@ static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best
         probe.cost = envsamp__fit_cost(fit, probe.param, NULL);
         envsamp__fit_line(fit, &probe, 0.25);
         step *= probe.cost < best->cost ? 1.5 : step > 0.0 ? -1.0 : -0.4;
-        if (probe.cost < best->cost)
-            *best = probe;
+        *best = probe.cost < best->cost ? probe : *best;
     }
 }
 
@@ -3783,8 +3775,8 @@ static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best
 static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
                               envsamp__fit_point *starts)
 {
-    double before = DBL_MAX;
     envsamp__fit_point last = { DBL_MAX, { 0.0, 0.0 } }, next = { 0.0, { 0.0, 0.0 } };
+    double before = DBL_MAX;
     int i, k;
 
     next.param[1] = beta;
@@ -3803,66 +3795,50 @@ static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
 }
 
 /* The global minimum: the objective has several local ones in alpha, and a wrong one costs up to
-   50 in excess variance. Scan, polish the best few, keep the best. */
+   50 in excess variance. */
 static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
 {
-    const double betas[] = { 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0 };
-    envsamp__fit_point starts[ENVSAMP__FIT_STARTS], best;
+    const double betas[] = { 1.0, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0 };
+    int i, scans = fit->model == ENVSAMP_KD_LOG ? 1 : (int)(sizeof betas / sizeof betas[0]);
     double step = fit->model == ENVSAMP_KD_LOG ? 0.25 : 1.0;
-    int i;
+    envsamp__fit_point starts[ENVSAMP__FIT_STARTS], best;
 
     for (i = 0; i < ENVSAMP__FIT_STARTS; i++)
         starts[i].cost = DBL_MAX;
-    if (fit->model == ENVSAMP_KD_LOG)
-        envsamp__fit_scan(fit, 1.0, step, starts);
-    else
-        for (i = 0; i < (int)(sizeof betas / sizeof betas[0]); i++)
-            envsamp__fit_scan(fit, betas[i], step, starts);
+    for (i = 0; i < scans; i++)
+        envsamp__fit_scan(fit, betas[i], step, starts);
     best = starts[0];
     for (i = 0; i < ENVSAMP__FIT_STARTS && starts[i].cost < DBL_MAX; i++) {
         envsamp__fit_polish(fit, &starts[i]);
         if (fit->objective == ENVSAMP_KD_L1)
             envsamp__fit_line(fit, &starts[i], 0.5 * step);
-        if (starts[i].cost < best.cost)
-            best = starts[i];
+        best = starts[i].cost < best.cost ? starts[i] : best;
     }
     if (fit->model == ENVSAMP_KD_POWER)
         envsamp__fit_climb(fit, &best);
     return best;
 }
 
-/* Heap sort of indices by falling key, equal keys by rising index. */
-static int envsamp__sorts_before(const double *key, uint32_t a, uint32_t b)
-{
-    return key[a] > key[b] || (key[a] == key[b] && a < b);
-}
-
+/* Sorts indices by falling key, equal keys by rising index: Shell's method. */
 static void envsamp__sort_descending(const double *key, uint32_t *order, int count)
 {
-    int start = count / 2, end = count;
+    int gap = 1, hole, i;
 
-    while (end > 1) {
-        uint32_t item;
-        int hole, child;
+    while (gap < count / 3)
+        gap = 3 * gap + 1;
+    for (; gap > 0; gap /= 3)
+        for (i = gap; i < count; i++) {
+            const uint32_t item = order[i];
 
-        if (start > 0) {
-            hole = --start;
-            item = order[hole];
-        } else {
-            item = order[--end];
-            order[end] = order[0];
-            hole = 0;
+            for (hole = i; hole >= gap; hole -= gap) {
+                const uint32_t above = order[hole - gap];
+
+                if (key[above] > key[item] || (key[above] == key[item] && above < item))
+                    break;
+                order[hole] = above;
+            }
+            order[hole] = item;
         }
-        for (child = 2 * hole + 1; child < end; child = 2 * hole + 1) {
-            if (child + 1 < end && envsamp__sorts_before(key, order[child], order[child + 1]))
-                child++;
-            if (!envsamp__sorts_before(key, item, order[child]))
-                break;
-            order[hole] = order[child];
-            hole = child;
-        }
-        order[hole] = item;
-    }
 }
 
 /* Rounds weights to whole draws out of 2^24: at least 1 for a weight above zero. Those below 1
@@ -3872,66 +3848,47 @@ static void envsamp__round_draws(const double *weight, int count, uint32_t *draw
 {
     const uint32_t all = 1u << 24;
     uint32_t lifted = 0, given = 0, was_lifted;
-    double rest = 0.0, scale, running = 0.0, total = 0.0;
+    double rest = 0.0, running = 0.0, scale;
     int i;
 
     for (i = 0; i < count; i++) {
-        total += weight[i];
+        rest += weight[i];
         draws[i] = 0;
     }
-    rest = total;
     do {                            /* lifting some may push the next below 1; few rounds do */
         was_lifted = lifted;
         scale = (double)(all - lifted) / rest;
         rest = 0.0;
         for (i = 0; i < count; i++)
             if (weight[i] > 0.0 && !draws[i]) {
-                if (weight[i] * scale < 1.0001) {   /* so that rounding cannot give it none */
-                    draws[i] = 1;
-                    lifted++;
-                } else {
-                    rest += weight[i];
-                }
+                draws[i] = weight[i] * scale < 1.0001;  /* so that rounding cannot give it none */
+                lifted += draws[i];
+                rest += draws[i] ? 0.0 : weight[i];
             }
     } while (lifted != was_lifted);
     for (i = 0; i < count; i++)
         if (weight[i] > 0.0 && !draws[i]) {
-            uint32_t upto;
-
             running += weight[i];
-            upto = (uint32_t)(running / rest * (double)(all - lifted) + 0.5);
-            draws[i] = upto - given;
-            given = upto;
+            draws[i] = (uint32_t)(running / rest * (double)(all - lifted) + 0.5) - given;
+            given += draws[i];
         }
 }
 
-/* Of the 2^24 draws bin i has 2^shift. The first `own` are of block i, the others of block `alias`:
-   together always 25 bits. */
-static inline uint32_t envsamp__bin(uint32_t own, uint32_t alias, int shift)
-{
-    return own << (24 - shift) | alias;
-}
-
 /* The alias method [2] on whole numbers, so nothing rounds and no weight turns negative. Uses up
-   `draws`. */
+   `draws`. Of the 2^24 draws bin i has 2^shift. The first `own` are of block i, the others of block
+   `alias`: together always 25 bits. */
 static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t *bins,
                                  uint32_t *stack)
 {
     uint32_t bin_count = 1u << (24 - shift), room = 1u << shift, light = 0, heavy = bin_count, i;
 
-    for (i = 0; i < bin_count; i++) {
-        uint32_t own = i < (uint32_t)count ? draws[i] : 0;
-
-        if (own < room)
-            stack[light++] = i;
-        else
-            stack[--heavy] = i;
-    }
+    for (i = 0; i < bin_count; i++)
+        stack[i >= (uint32_t)count || draws[i] < room ? light++ : --heavy] = i;
     while (light > 0) {
         uint32_t bin = stack[--light], donor = stack[heavy];
         uint32_t own = bin < (uint32_t)count ? draws[bin] : 0;
 
-        bins[bin] = envsamp__bin(own, donor, shift);
+        bins[bin] = own << (24 - shift) | donor;
         draws[donor] -= room - own;
         if (draws[donor] < room) {
             stack[light++] = donor;
@@ -3939,7 +3896,7 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
         }
     }
     for (; heavy < bin_count; heavy++)
-        bins[stack[heavy]] = envsamp__bin(room, stack[heavy], shift);
+        bins[stack[heavy]] = room << (24 - shift) | stack[heavy];
 }
 
 /* ============================================================================================
@@ -5637,13 +5594,11 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  *
  * u1 chooses a row by its share of the light, u0 a texel of the row by its share of the row's.
  * Both are kept as whole parts of 2^24: a float u has that many values, so what is drawn is exactly
- * what the table says, the chance of a texel needs no rounding, and one difference of two edges
- * gives both its density and the place of a sample in it. In units of 2^-32, with which the edges
- * could follow the light more closely, texels would be drawn a 24-bit number more or less often
- * than claimed: bias, where here is a little variance.
+ * what the table says, and one difference of two edges gives both the density of a texel and the
+ * place of a sample in it. Edges in units of 2^-32 would follow the light more closely, but claim
+ * other chances than those of 24-bit numbers: bias, where here is a little variance.
  *
- * One block of memory without pointers, as for kd: the header below, then, each at a multiple of 16
- * bytes,
+ * One block of memory, as for kd: the header below, then, each at a multiple of 16 bytes,
  *
  *     rows        height + 1 x { float north, south, polar, density }: 1 - cos and 1 + cos of the
  *                 row's upper edge, and it in the coordinates of a kd table's nodes; density of a
@@ -5659,17 +5614,17 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  *                 of itself in its first texel, and is not drawn.
  *
  * From the texel where its cell begins, a draw is compared with WALK edges at once [6]; a cell
- * holds two to four texels on average. Where that does not reach, as many dark texels beside a lamp
- * may bring about, the texels up to the one where the next cell begins are halved.
+ * holds two to four texels on average. Where that does not reach, as beside a lamp, the texels up
+ * to the one where the next cell begins are halved.
  *
- * Fresh points wait for memory, first for the guide, then for the edges, longer than a processor
- * runs ahead. So a batch prefetches all guides, then all edges, before it reads the first: 1.5 to
- * 3.3 times as fast as without, 6 times as fast as binary search (bench/experiments.md).
+ * A fresh point waits for memory twice, for guide and edges. So a batch prefetches all guides, then
+ * all edges, before it reads the first: 1.5 to 3.3 times as fast (bench/experiments.md).
  * ========================================================================================== */
 
 #define ENVSAMP__CDF_MAGIC 0x434b5345u      /* "ESKC" in memory */
 #define ENVSAMP__CDF_VERSION 4u
-#define ENVSAMP__PARTS 0x1000000u           /* 2^24 */
+#define ENVSAMP__PARTS 0x1000000u           /* 2^24, */
+#define ENVSAMP__PARTS_2 281474976710656.0  /* and its square */
 #define ENVSAMP__WALK 4                     /* edges compared without a branch */
 
 typedef struct envsamp__cdf_row { float north, south, polar, density; } envsamp__cdf_row;
@@ -5740,32 +5695,25 @@ struct envsamp_cdf_job {
     double *square, *peak;          /* of each row: sum of L L / parts, largest L / parts */
 };
 
-static void envsamp__cdf_carve(envsamp_cdf_job *job, const envsamp_image *image,
-                               const envsamp_cdf_desc *desc, envsamp__arena *arena)
+/* Lays a build out: its scratch memory, the job first, and the header of its table. */
+static void envsamp__cdf_plan(const envsamp_image *image, const envsamp_cdf_desc *desc,
+                              envsamp__arena *arena, envsamp_cdf_job *job, envsamp_cdf *cdf)
 {
-    int bilinear = !desc->nearest;
-    uint64_t width = (uint64_t)image->width + (uint64_t)bilinear;
-    uint64_t height = (uint64_t)image->height + (uint64_t)bilinear;
-
-    envsamp__job_carve(&job->base, sizeof *job, image, bilinear, desc->mis_compensation,
-                       bilinear ? 2 : 1, arena);
-    job->weight = ENVSAMP__TAKE(double, arena, width + ENVSAMP__CHUNK - 1);
-    job->cell_square = ENVSAMP__TAKE(double, arena, width + ENVSAMP__CHUNK - 1);
-    job->cell_max = ENVSAMP__TAKE(float, arena, width + ENVSAMP__CHUNK - 1);
-    job->mass = ENVSAMP__TAKE(double, arena, height);
-    job->square = ENVSAMP__TAKE(double, arena, height);
-    job->peak = ENVSAMP__TAKE(double, arena, height);
-}
-
-/* Arrays end where the next one begins, but for a gap: nothing in a table is left to chance. */
-static void envsamp__cdf_clear_gaps(envsamp_cdf *cdf)
-{
-    const uint64_t ends[] = { cdf->row_edges_at, cdf->row_guide_at, cdf->polar_guide_at,
-                              cdf->guide_at, cdf->edges_at, cdf->bytes };
-    int i;
-
-    for (i = 0; i < 6; i++)
-        ENVSAMP_MEMSET((char *)cdf + ends[i] - ENVSAMP__GRANULE, 0, ENVSAMP__GRANULE);
+    ENVSAMP_MEMSET(cdf, 0, sizeof *cdf);
+    cdf->version = ENVSAMP__CDF_VERSION;
+    cdf->mapping = image->mapping;
+    cdf->bilinear = !desc->nearest;
+    cdf->image_width = (uint32_t)image->width;
+    cdf->image_height = (uint32_t)image->height;
+    envsamp__cdf_layout(cdf);
+    envsamp__job_carve(&job->base, sizeof *job, image, (int)cdf->bilinear, desc->mis_compensation,
+                       1 + cdf->bilinear, arena);
+    job->weight = ENVSAMP__TAKE(double, arena, cdf->width + ENVSAMP__CHUNK - 1);
+    job->cell_square = ENVSAMP__TAKE(double, arena, cdf->width + ENVSAMP__CHUNK - 1);
+    job->cell_max = ENVSAMP__TAKE(float, arena, cdf->width + ENVSAMP__CHUNK - 1);
+    job->mass = ENVSAMP__TAKE(double, arena, cdf->height);
+    job->square = ENVSAMP__TAKE(double, arena, cdf->height);
+    job->peak = ENVSAMP__TAKE(double, arena, cdf->height);
 }
 
 /* Shares 2^24 parts out by weights, of which `lit` are above zero: one for each of these, then the
@@ -5822,13 +5770,13 @@ static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
 {
     envsamp__map *map = &job->base.map;
     const envsamp__row_part *part = &map->rows[y];
-    double total[8] = { 0.0 }, sum[8] = { 0.0 }, above[8] = { 0.0 }, light[8];
+    double total[8] = { 0.0 }, sum[8] = { 0.0 }, above[8] = { 0.0 };
+    double light[8], square[8], weight[8];
+    float peak[8];
     int x0, x, side;
 
     for (x0 = 0; x0 < map->width; x0 += 8) {
         int count = envsamp__min(8, map->width - x0);
-        double *weight = job->weight + x0, *square = job->cell_square + x0;
-        float *peak = job->cell_max + x0;
 
         envsamp__cdf_cells(map, part, map->knots + x0, light, square, peak);
         for (x = count; x < 8; x++) {
@@ -5843,12 +5791,20 @@ static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
             square[x] *= 0.25;              /* by solid angle, and in units of the width */
             peak[x] *= 0.5f;
         }
+        ENVSAMP_MEMCPY(weight, light, sizeof weight);
+        if (map->bilinear) {
+            for (x = 0; x < 8; x++)
+                weight[x] = part->sr * square[x];
+            envsamp__sqrt_double_n(weight, 8);
+        }
         for (x = 0; x < 8; x++) {
-            weight[x] = map->bilinear ? envsamp__q(part->sr, square[x]) : light[x];
             total[x] += weight[x];
             sum[x] += light[x];
             above[x] += weight[x] > 0.0 ? 1.0 : 0.0;
         }
+        ENVSAMP_MEMCPY(job->weight + x0, weight, sizeof weight);
+        ENVSAMP_MEMCPY(job->cell_square + x0, square, sizeof square);
+        ENVSAMP_MEMCPY(job->cell_max + x0, peak, sizeof peak);
     }
     for (; x0 % ENVSAMP__CHUNK; x0++)       /* to whole chunks */
         job->cell_square[x0] = (double)(job->cell_max[x0] = 0.0f);
@@ -5869,22 +5825,26 @@ static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
     uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY_OUT, cdf, y), lit;
     double square[ENVSAMP__CHUNK] = { 0.0 }, peak[ENVSAMP__CHUNK] = { 0.0 };
     double inverse[ENVSAMP__CHUNK];
+    uint32_t end[ENVSAMP__CHUNK + 1];
     int width = (int)cdf->width, x0, x;
 
     job->mass[y] = envsamp__cdf_weigh_row(job, y, &lit);
     envsamp__cdf_share(job->weight, cdf->width, job->mass[y], lit, edges, cdf->guide_bits,
                        ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y));
-    for (x0 = 0; x0 < width; x0 += ENVSAMP__CHUNK, edges += ENVSAMP__CHUNK) {
+    for (x0 = 0; x0 < width; x0 += ENVSAMP__CHUNK) {
         const double *cell_square = job->cell_square + x0;
         const float *cell_max = job->cell_max + x0;
 
-        for (x = 0; x < ENVSAMP__CHUNK; x++) {  /* a cell without parts costs nothing */
-            uint32_t parts = x0 + x < width ? edges[x + 1] - edges[x] : 0;
+        const uint32_t *edge = edges + x0;
 
-            inverse[x] = (double)(int)(parts + !parts);
+        if (x0 + ENVSAMP__CHUNK > width) {
+            for (x = 0; x <= ENVSAMP__CHUNK; x++)
+                end[x] = ENVSAMP__PARTS;
+            ENVSAMP_MEMCPY(end, edge, (size_t)(width - x0) * sizeof *edge);
+            edge = end;
         }
-        for (x = 0; x < ENVSAMP__CHUNK; x++)
-            inverse[x] = 1.0 / inverse[x];
+        for (x = 0; x < ENVSAMP__CHUNK; x++)    /* a cell without parts costs nothing */
+            inverse[x] = 1.0 / (double)(int)(edge[x + 1] - edge[x] + (edge[x + 1] == edge[x]));
         for (x = 0; x < ENVSAMP__CHUNK; x++)
             square[x] += cell_square[x] * inverse[x];
         for (x = 0; x < ENVSAMP__CHUNK; x++)
@@ -5898,26 +5858,9 @@ static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
     job->peak[y] = peak[0];
 }
 
-/* Density of a part of a row with texels of `sr` each. It is the solid angle of the map, not that
-   between the edges as rounded to floats: so E[L / pdf] is the integral, however low the row. */
-static double envsamp__cdf_row_density(const uint32_t *row_edge, double sr)
-{
-    double unit = 1.0 / (double)ENVSAMP__UNIT;
-
-    return (double)(row_edge[1] - row_edge[0]) * unit * unit / sr;
-}
-
-/* The row that holds the beginning of a cell of the polar coordinate, from row y on. */
-static uint32_t envsamp__cdf_polar_row(const envsamp_cdf *cdf, uint32_t cell, uint32_t y)
-{
-    const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
-
-    while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
-        y++;
-    return y;
-}
-
-/* The rows, by their masses, and what all of it costs. */
+/* The rows, by their masses, and what all of it costs. Densities are by the solid angle of the map,
+   not that between the edges as rounded to floats: so E[L / pdf] is the integral, however low the
+   row. */
 static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf)
 {
     const envsamp__map *map = &job->base.map;
@@ -5925,83 +5868,76 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     uint32_t *edges = ENVSAMP__ARRAY_OUT(uint32_t, cdf, row_edges);
     uint16_t *polar_guide = ENVSAMP__ARRAY_OUT(uint16_t, cdf, polar_guide);
     double second = 0.0, peak = 0.0, total = 0.0;
-    int height = (int)cdf->height, y;
-    uint32_t lit = 0, cell, row;
+    uint32_t lit = 0, cell, y;
 
-    for (y = 0; y < height; y++) {
+    for (y = 0; y < cdf->height; y++) {
         total += job->mass[y];
         lit += job->mass[y] > 0.0;
     }
     envsamp__cdf_share(job->mass, cdf->height, total, lit, edges, cdf->row_bits,
                        ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
-    for (y = 0; y <= height; y++) {
-        float cap = envsamp__edge_y(map, envsamp__y_edge(map, y));
-        envsamp__polar_pair edge = envsamp__edge_pair(cap);
+    for (y = 0; y <= cdf->height; y++) {
+        float edge = envsamp__edge_y(map, envsamp__y_edge(map, (int)y));
 
-        rows[y].north = edge.north;
-        rows[y].south = edge.south;
-        rows[y].polar = ENVSAMP_FABSF(envsamp__node_cut(cdf->mapping,
-                                                        envsamp__cdf_row_edge(rows + y), 1));
+        rows[y].north = envsamp__edge_pair(edge).north;
+        rows[y].south = envsamp__edge_pair(edge).south;
+        rows[y].polar = ENVSAMP_FABSF(envsamp__node_cut(cdf->mapping, edge, 1));
         rows[y].density = 0.0f;
-    }
-    for (y = 0; y < height; y++) {
-        if (!(job->mass[y] > 0.0))
+        if (y == cdf->height || !(job->mass[y] > 0.0))
             continue;
-        rows[y].density = (float)envsamp__cdf_row_density(edges + y, map->rows[y].sr);
+        rows[y].density = (float)((double)(edges[y + 1] - edges[y])
+                                  / ENVSAMP__PARTS_2 / map->rows[y].sr);
         second += job->square[y] / (double)rows[y].density;
         peak = envsamp__max(peak, job->peak[y] / (double)rows[y].density);
     }
     cdf->excess_variance = envsamp__excess(second, map->integral);
     cdf->max_ratio = peak / map->integral;
-    for (cell = row = 0; cell < 1u << cdf->polar_bits; cell++)
-        polar_guide[cell] = (uint16_t)(row = envsamp__cdf_polar_row(cdf, cell, row));
+    for (cell = y = 0; cell < 1u << cdf->polar_bits; cell++) {
+        while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
+            y++;
+        polar_guide[cell] = (uint16_t)y;
+    }
 }
 
-/* Reads a row of texels and writes the rows of cells that are complete with it. */
-static envsamp_result envsamp__cdf_read(envsamp_cdf_job *job, int y)
-{
-    envsamp__map *map = &job->base.map;
-    float *above = map->knots, *line = above + (map->bilinear ? map->stride : 0);
-    envsamp_result result = envsamp__source_row(&job->base.source, y, line + map->bilinear);
-
-    if (result != ENVSAMP_OK || !map->bilinear) {
-        if (result == ENVSAMP_OK)
-            envsamp__cdf_write_row(job, y);
-        return result;
-    }
-    envsamp__end_line(&job->base.source, y, line);
-    if (y == 0)
-        envsamp__border_line(&job->base.source, y, -1, line, above);
-    envsamp__cdf_write_row(job, y);
-    ENVSAMP_MEMCPY(above, line, map->stride * sizeof(float));
-    if (y + 1 == map->image_height) {
-        envsamp__border_line(&job->base.source, y, map->image_height, above, line);
-        envsamp__cdf_write_row(job, y + 1);
-    }
-    return ENVSAMP_OK;
-}
-
-/* Rows of texels, then the rest of the table but for its checksum. Returns 0 after that. */
+/* Reads a row of texels and writes the rows of cells that are complete with it. After the last
+   writes the rest of the table, but for its checksum, and returns 0. */
 static int envsamp__cdf_work(void *work, int item)
 {
     envsamp_cdf_job *job = (envsamp_cdf_job *)work;
     envsamp__job *base = &job->base;
     envsamp_cdf *cdf = (envsamp_cdf *)base->table;
+    envsamp__source *source = &base->source;
+    envsamp__map *map = &base->map;
+    float *above = map->knots, *line = above + (map->bilinear ? map->stride : 0);
 
-    if (item < base->map.image_height) {
-        base->result = envsamp__cdf_read(job, item);
-        return 1;
+    if (item == map->image_height) {
+        base->result = map->integral > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
+        if (base->result != ENVSAMP_OK)
+            return 1;
+        envsamp__cdf_write_rows(job, cdf);
+        cdf->integral = source->compensation > 0.0f ? source->integral : map->integral;
+        cdf->mis_compensation = source->compensation;
+        cdf->bad_pixel_count = source->bad_pixel_count;
+        base->phase = (envsamp__phase)(ENVSAMP__CHECKSUM - 1);
+        return 0;
     }
-    if (!(base->map.integral > 0.0)) {
-        base->result = ENVSAMP_ERR_BLACK;
+    base->result = envsamp__source_row(source, item, line + map->bilinear);
+    if (base->result != ENVSAMP_OK)
         return 1;
+    if (map->bilinear) {
+        envsamp__end_line(source, item, line);
+        if (item == 0)
+            envsamp__border_line(source, item, -1, line, above);
     }
-    envsamp__cdf_write_rows(job, cdf);
-    cdf->integral = base->source.compensation > 0.0f ? base->source.integral : base->map.integral;
-    cdf->mis_compensation = base->source.compensation;
-    cdf->bad_pixel_count = base->source.bad_pixel_count;
-    base->phase = (envsamp__phase)(ENVSAMP__CHECKSUM - 1);
-    return 0;
+    envsamp__cdf_write_row(job, item);
+    if (map->bilinear) {
+        ENVSAMP_MEMCPY(above, line, map->stride * sizeof(float));
+        if (item + 1 == map->image_height) {
+            envsamp__border_line(source, item, map->image_height, above, line);
+            envsamp__cdf_write_row(job, item + 1);
+        }
+    }
+    return 1;
 }
 
 ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
@@ -6010,19 +5946,6 @@ ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
 
     ENVSAMP_MEMSET(&desc, 0, sizeof desc);
     return desc;
-}
-
-/* What a table says of its build from the start. */
-static void envsamp__cdf_head(envsamp_cdf *cdf, const envsamp_image *image,
-                              const envsamp_cdf_desc *desc)
-{
-    ENVSAMP_MEMSET(cdf, 0, sizeof *cdf);
-    cdf->version = ENVSAMP__CDF_VERSION;
-    cdf->mapping = image->mapping;
-    cdf->bilinear = !desc->nearest;
-    cdf->image_width = (uint32_t)image->width;
-    cdf->image_height = (uint32_t)image->height;
-    envsamp__cdf_layout(cdf);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
@@ -6040,8 +5963,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
     if (!envsamp__in_range(desc->mis_compensation, 0.0f, 1.0f)
         || !envsamp__is_zero(desc->importance_exponent))
         return ENVSAMP_ERR_PARAM;
-    envsamp__cdf_carve(&job, image, desc, &arena);
-    envsamp__cdf_head(&layout, image, desc);
+    envsamp__cdf_plan(image, desc, &arena, &job, &layout);
     return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
 
@@ -6055,6 +5977,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
     envsamp_cdf *cdf = (envsamp_cdf *)table.data;
     envsamp_sizes sizes;
     envsamp_result result;
+    int i;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
@@ -6066,9 +5989,13 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
     if (result != ENVSAMP_OK)
         return result;
     *job = (envsamp_cdf_job *)scratch.data;
-    envsamp__cdf_carve(*job, image, desc, &arena);
-    envsamp__cdf_head(cdf, image, desc);
-    envsamp__cdf_clear_gaps(cdf);
+    envsamp__cdf_plan(image, desc, &arena, *job, cdf);
+    for (i = 0; i < 6; i++) {           /* arrays end where the next one begins, but for a gap */
+        const uint64_t ends[] = { cdf->row_edges_at, cdf->row_guide_at, cdf->polar_guide_at,
+                                  cdf->guide_at, cdf->edges_at, cdf->bytes };
+
+        ENVSAMP_MEMSET((char *)cdf + ends[i] - ENVSAMP__GRANULE, 0, ENVSAMP__GRANULE);
+    }
     envsamp__job_start(&(*job)->base, cdf, ENVSAMP__CDF_MAGIC, envsamp__cdf_work, fn, user,
                        desc->strict);
     return ENVSAMP_OK;
@@ -6081,14 +6008,10 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_step(envsamp_cdf_job *job, int count, int
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_finish(envsamp_cdf_job *job, const envsamp_cdf **cdf)
 {
-    envsamp_result result;
+    envsamp_result result = cdf ? envsamp_cdf_step(job, INT_MAX, NULL) : ENVSAMP_ERR_NULL;
 
-    if (!cdf)
-        return ENVSAMP_ERR_NULL;
-    *cdf = NULL;
-    result = envsamp_cdf_step(job, INT_MAX, NULL);
-    if (result == ENVSAMP_OK)
-        *cdf = (const envsamp_cdf *)job->base.table;
+    if (cdf)
+        *cdf = result == ENVSAMP_OK ? (const envsamp_cdf *)job->base.table : NULL;
     return result;
 }
 
@@ -6096,31 +6019,16 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
                                              const envsamp_cdf_desc *desc, envsamp_buffer table,
                                              envsamp_buffer scratch, const envsamp_cdf **cdf)
 {
-    envsamp_cdf_job *job;
-    envsamp_result result;
+    envsamp_cdf_job *job = NULL;
+    envsamp_result result = envsamp_cdf_begin(image, NULL, NULL, desc, table, scratch,
+                                              cdf ? &job : NULL);
 
-    if (!cdf)
-        return ENVSAMP_ERR_NULL;
-    *cdf = NULL;
-    result = envsamp_cdf_begin(image, NULL, NULL, desc, table, scratch, &job);
+    if (cdf)
+        *cdf = NULL;
     return result == ENVSAMP_OK ? envsamp_cdf_finish(job, cdf) : result;
 }
 
 /* ---- opening ---- */
-
-/* Whether a header describes a table with its arrays where they belong. */
-static int envsamp__cdf_header_valid(const envsamp_cdf *cdf)
-{
-    envsamp_cdf layout;
-
-    if (cdf->bilinear > 1 || !envsamp__in_range(cdf->mis_compensation, 0.0f, 1.0f)
-        || cdf->image_width < 1 || cdf->image_width > 65535
-        || cdf->image_height < 1 || cdf->image_height > 65535)
-        return 0;
-    ENVSAMP_MEMCPY(&layout, cdf, sizeof layout);
-    envsamp__cdf_layout(&layout);
-    return !ENVSAMP_MEMCMP(&layout, cdf, sizeof layout);
-}
 
 /* Edges that rise from 0 to 2^24, and a guide that leads to them. */
 static int envsamp__cdf_edges_valid(const uint32_t *edges, uint32_t count, const uint16_t *guide,
@@ -6156,23 +6064,23 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
 
         if (!envsamp__in_range(edge, -1.0f, 1.0f) || !envsamp__in_range(rows[y].polar, 0.0f, 2.0f)
             || (cdf->mapping != ENVSAMP_LATLONG && envsamp__sign(edge))
-            || envsamp__float_bits(sides.north) != envsamp__float_bits(rows[y].north)
-            || envsamp__float_bits(sides.south) != envsamp__float_bits(rows[y].south))
+            || ENVSAMP_MEMCMP(&sides, rows + y, sizeof sides))
             return 0;
     }
     for (y = 0; y < cdf->height; y++) {
         const envsamp__edges row = { 0.0f, 1.0f, envsamp__cdf_row_edge(rows + y),
                                      envsamp__cdf_row_edge(rows + y + 1) };
         double sr = envsamp__edges_sr(cdf->mapping, &row) / (double)cdf->image_width;
-        double density = sr > 0.0 ? envsamp__cdf_row_density(edges + y, sr) : -1.0;
+        double density = (double)(edges[y + 1] - edges[y]) / ENVSAMP__PARTS_2 / sr;
 
-        if (!(density >= 0.0) || !(rows[y].polar < rows[y + 1].polar)
+        if (!(sr > 0.0) || !(rows[y].polar < rows[y + 1].polar)
             || !envsamp__in_range(rows[y].density, 0.0f, FLT_MAX)
             || !(ENVSAMP__FABS((double)rows[y].density - density) <= 0.01 * density))
             return 0;                                       /* edges of low rows are rounded */
     }
     for (cell = y = 0; cell < 1u << cdf->polar_bits; cell++) {
-        y = envsamp__cdf_polar_row(cdf, cell, y);
+        while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
+            y++;
         if (guide[cell] != y)
             return 0;
     }
@@ -6183,6 +6091,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                             const envsamp_cdf **cdf)
 {
     const envsamp_cdf *header = (const envsamp_cdf *)table;
+    envsamp_cdf layout;
     envsamp_result result;
     uint32_t y;
 
@@ -6193,7 +6102,13 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                   ENVSAMP__CDF_VERSION);
     if (result != ENVSAMP_OK)
         return result;
-    if (!envsamp__cdf_header_valid(header)
+    if (header->bilinear > 1 || !envsamp__in_range(header->mis_compensation, 0.0f, 1.0f)
+        || header->image_width < 1 || header->image_width > 65535
+        || header->image_height < 1 || header->image_height > 65535)
+        return ENVSAMP_ERR_FORMAT;
+    ENVSAMP_MEMCPY(&layout, header, sizeof layout);
+    envsamp__cdf_layout(&layout);
+    if (ENVSAMP_MEMCMP(&layout, header, sizeof layout)
         || !envsamp__cdf_edges_valid(ENVSAMP__ARRAY(uint32_t, header, row_edges), header->height,
                                      ENVSAMP__ARRAY(uint16_t, header, row_guide), header->row_bits)
         || !envsamp__cdf_rows_valid(header))
@@ -6229,8 +6144,8 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_get_info(const envsamp_cdf *cdf, envsamp_
 
 /* ---- sampling ---- */
 
-/* The index i with edges[i] <= draw < edges[i + 1]. The first steps are taken without a branch: one
-   that is guessed wrong costs more than they do, and keeps the next sample from beginning. */
+/* The index i with edges[i] <= draw < edges[i + 1]. The first steps are without a branch: a
+   mispredict costs more than they do. */
 ENVSAMP__HOT uint32_t envsamp__cdf_find(const uint32_t *edges, uint32_t count,
                                         const uint16_t *guide, uint32_t bits, uint32_t draw)
 {
@@ -6264,77 +6179,69 @@ ENVSAMP__HOT uint32_t envsamp__draw(float u)
     return (uint32_t)(int)(envsamp__clamp_unit(u) * ENVSAMP__UNIT);
 }
 
-/* A texel, its density, and where in it a sample lies, [0, 1]. */
-typedef struct envsamp__texel { uint32_t column, row; float fx, fy, pdf; } envsamp__texel;
-
-/* How far a draw is from one edge to the next. Half a part on: else one in `parts` would lie on the
-   edge, where rounding decides which texel it belongs to. */
-ENVSAMP__HOT float envsamp__cdf_fraction(const uint32_t *edge, uint32_t draw)
-{
-    return ((float)(int)(draw - edge[0]) + 0.5f) / (float)(int)(edge[1] - edge[0]);
-}
-
-/* Density of a cell. Those at the sides of a bilinear map are half as wide. */
-ENVSAMP__HOT float envsamp__cdf_parts_pdf(const envsamp_cdf *cdf, uint32_t row, uint32_t column,
-                                          uint32_t parts)
-{
-    uint32_t half = cdf->bilinear & (uint32_t)((column == 0) | (column + 1 == cdf->width));
-
-    return (float)(int)(parts << half) * ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows)[row].density;
-}
+/* A texel; `valid` is 0 for some texel in place of none. */
+typedef struct envsamp__cdf_place { uint32_t column, row; int valid; } envsamp__cdf_place;
 
 /* The texel of a row that a number draws. */
-ENVSAMP__HOT envsamp__texel envsamp__cdf_texel(const envsamp_cdf *cdf, uint32_t row,
-                                               uint32_t across, uint32_t down)
+ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_place_of(const envsamp_cdf *cdf, uint32_t row,
+                                                      uint32_t across)
 {
-    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row);
-    const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row);
-    uint32_t column = envsamp__cdf_find(edge, cdf->width, guide, cdf->guide_bits, across);
-    envsamp__texel t;
+    envsamp__cdf_place at = { 0, row, 1 };
 
-    edge += column;
-    t.row = row;
-    t.column = column;
-    t.fx = envsamp__cdf_fraction(edge, across);
-    t.fy = envsamp__cdf_fraction(ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + row, down);
-    t.pdf = envsamp__cdf_parts_pdf(cdf, row, column, edge[1] - edge[0]);
-    return t;
+    at.column = envsamp__cdf_find(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row), cdf->width,
+                                  ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row), cdf->guide_bits,
+                                  across);
+    return at;
 }
 
-ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__texel t)
+/* Those at the sides of a bilinear map are half as wide. */
+ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_place at)
 {
-    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + t.row;
-    float x0 = (float)(int)t.column - cdf->offset, x1 = x0 + 1.0f;
+    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
+    uint32_t half = cdf->bilinear & (uint32_t)((at.column == 0) | (at.column + 1 == cdf->width));
+    float density = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows)[at.row].density;
+
+    return at.valid ? (float)(int)((edge[1] - edge[0]) << half) * density : 0.0f;
+}
+
+/* Where in its texel a sample lies. Draws are half a part further than they say: else one in so
+   many would lie on an edge, where rounding decides which texel it belongs to. */
+ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__cdf_place at,
+                                               uint32_t across, uint32_t down)
+{
+    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
+    const uint32_t *row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row;
+    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
+    float fx = ((float)(int)(across - edge[0]) + 0.5f) / (float)(int)(edge[1] - edge[0]);
+    float fy = ((float)(int)(down - row_edge[0]) + 0.5f) / (float)(int)(row_edge[1] - row_edge[0]);
+    float x0 = (float)(int)at.column - cdf->offset, x1 = x0 + 1.0f;
     float end = (float)(int)cdf->image_width;
     envsamp__point p;
 
     x0 = x0 > 0.0f ? x0 : 0.0f;
     x1 = x1 < end ? x1 : end;
-
-    p.x = envsamp__clamp_unit((x0 + t.fx * (x1 - x0)) * cdf->inverse_width);
-    p.north = row[0].north + t.fy * (row[1].north - row[0].north);
-    p.south = row[0].south + t.fy * (row[1].south - row[0].south);
+    p.x = envsamp__clamp_unit((x0 + fx * (x1 - x0)) * cdf->inverse_width);
+    p.north = row[0].north + fy * (row[1].north - row[0].north);
+    p.south = row[0].south + fy * (row[1].south - row[0].south);
     return p;
 }
 
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *cdf, float u0,
                                                              float u1)
 {
-    uint32_t down = envsamp__draw(u1);
-    envsamp__texel t;
+    uint32_t across = envsamp__draw(u0), down = envsamp__draw(u1);
+    envsamp__cdf_place at;
 
     ENVSAMP_ASSERT(cdf);
-    t = envsamp__cdf_texel(cdf, envsamp__cdf_find_row(cdf, down), envsamp__draw(u0), down);
-    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, t), t.pdf);
+    at = envsamp__cdf_place_of(cdf, envsamp__cdf_find_row(cdf, down), across);
+    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, at, across, down),
+                                 envsamp__cdf_density(cdf, at));
 }
 
 /* ---- density ---- */
 
-/* The texel in a direction; some texel, and `valid` 0, for what is none. r is |(x, y)|. A cell of
-   the guide meets one edge at most, so the loop is one step; the coordinate of a vector that is no
-   direction is 0, and so is its azimuth. */
-typedef struct envsamp__cdf_place { uint32_t column, row; int valid; } envsamp__cdf_place;
-
+/* The texel in a direction. r is |(x, y)|. A cell of the guide meets one edge at most, so the loop
+   is one step; the coordinate of a vector that is no direction is 0, and so is its azimuth. */
 ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x, float y, float z,
                                                 float r)
 {
@@ -6355,20 +6262,11 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
     return at;
 }
 
-ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_place at)
-{
-    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
-
-    return at.valid ? envsamp__cdf_parts_pdf(cdf, at.row, at.column, edge[1] - edge[0]) : 0.0f;
-}
-
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_cdf_pdf(const envsamp_cdf *cdf, const float dir[3])
 {
-    float r;
-
     ENVSAMP_ASSERT(cdf && dir);
-    r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
-    return envsamp__cdf_density(cdf, envsamp__cdf_at(cdf, dir[0], dir[1], dir[2], r));
+    return envsamp__cdf_density(cdf, envsamp__cdf_at(cdf, dir[0], dir[1], dir[2],
+                                    ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1])));
 }
 
 /* The number that draws the fraction f of the way from one edge to the next. */
@@ -6384,11 +6282,10 @@ ENVSAMP__MATH float envsamp__cdf_number(const uint32_t *edge, double f)
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const float dir[3],
                                                   float u[2])
 {
-    const uint32_t *edge, *row_edge;
-    const envsamp__cdf_row *row;
-    double x0, x1;
+    double x0, x1, fy;
     envsamp__cdf_place at;
     envsamp__exact e;
+    const envsamp__cdf_row *row;
 
     ENVSAMP_ASSERT(cdf && dir && u);
     u[0] = u[1] = 0.0f;
@@ -6397,100 +6294,88 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
     if (!(envsamp__cdf_density(cdf, at) > 0.0f))
         return 0;
     e = envsamp__dir_exact(cdf->mapping, dir);
+    x0 = (double)at.column - (double)cdf->offset;
+    x1 = envsamp__min_double(x0 + 1.0, (double)cdf->image_width);
+    x0 = envsamp__max(x0, 0.0);
     row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
-    edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
-    row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row;
-    x0 = envsamp__max((double)at.column - (double)cdf->offset, 0.0);
-    x1 = envsamp__min_double((double)at.column + 1.0 - (double)cdf->offset,
-                             (double)cdf->image_width);
-    u[0] = envsamp__cdf_number(edge, (e.x * (double)cdf->image_width - x0) / (x1 - x0));
-    u[1] = envsamp__cdf_number(row_edge, envsamp__exact_between(e, envsamp__cdf_row_edge(row),
-                                                                envsamp__cdf_row_edge(row + 1)));
+    fy = envsamp__exact_between(e, envsamp__cdf_row_edge(row), envsamp__cdf_row_edge(row + 1));
+    u[0] = envsamp__cdf_number(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column,
+                               (e.x * (double)cdf->image_width - x0) / (x1 - x0));
+    u[1] = envsamp__cdf_number(ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row, fy);
     return 1;
 }
 
 /* ---- many at a time ---- */
 
-/* At most ENVSAMP__BATCH samples. Cells of all guides, then all edges, are fetched into the cache
-   before the first is read: one sample at a time waits for both. Directions are those of a whole
-   batch, or of some multiple of 16, so that compilers vectorise them. */
-static void envsamp__cdf_sample_batch(const envsamp_cdf *cdf, int n, const float *u0,
-                                      const float *u1, float *const out[4])
+/* Cells of all guides, then all edges, of a batch are fetched into the cache before the first is
+   read. Directions are those of a whole batch, or of some multiple of 16, so that compilers
+   vectorise them. */
+ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
+                                      const float *u1, float *x, float *y, float *z, float *pdf)
 {
     uint32_t row[ENVSAMP__BATCH], across[ENVSAMP__BATCH], down[ENVSAMP__BATCH];
     float dir[3][ENVSAMP__BATCH];
     envsamp__batch batch;
-    int i, k;
-
-    if (n < ENVSAMP__BATCH)
-        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
-    for (i = 0; i < n; i++) {
-        across[i] = envsamp__draw(u0[i]);
-        down[i] = envsamp__draw(u1[i]);
-        row[i] = envsamp__cdf_find_row(cdf, down[i]);
-        ENVSAMP__PREFETCH(ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i])
-                          + (across[i] >> (24 - cdf->guide_bits)));
-    }
-    for (i = 0; i < n; i++) {
-        const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i]);
-        const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row[i])
-                             + guide[across[i] >> (24 - cdf->guide_bits)];
-
-        ENVSAMP__PREFETCH(edge);
-        ENVSAMP__PREFETCH(edge + ENVSAMP__WALK);
-    }
-    for (i = 0; i < n; i++) {
-        envsamp__texel t = envsamp__cdf_texel(cdf, row[i], across[i], down[i]);
-
-        envsamp__batch_put(&batch, i, envsamp__cdf_point(cdf, t), t.pdf);
-    }
-    envsamp__point_dirs(cdf->mapping, (n + 15) & 0x70, batch.at, dir[0], dir[1], dir[2]);
-    for (k = 0; k < 4; k++)
-        ENVSAMP_MEMCPY(out[k], k < 3 ? dir[k] : batch.at + 3 * ENVSAMP__BATCH,
-                       (size_t)n * sizeof(float));
-}
-
-ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
-                                      const float *u1, float *x, float *y, float *z, float *pdf)
-{
-    size_t i;
-
-    ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
-    for (i = 0; i < n; i += ENVSAMP__BATCH) {
-        float *const out[4] = { x + i, y + i, z + i, pdf + i };
-
-        envsamp__cdf_sample_batch(cdf, n - i < ENVSAMP__BATCH ? (int)(n - i) : ENVSAMP__BATCH,
-                                  u0 + i, u1 + i, out);
-    }
-}
-
-static void envsamp__cdf_pdf_batch(const envsamp_cdf *cdf, int n, const float *x, const float *y,
-                                   const float *z, float *pdf)
-{
-    envsamp__cdf_place at[ENVSAMP__BATCH];
-    float r[ENVSAMP__BATCH];
+    size_t start;
     int i;
 
-    for (i = 0; i < n; i++)
-        r[i] = x[i] * x[i] + y[i] * y[i];
-    envsamp__sqrt_n(r, n);
-    for (i = 0; i < n; i++) {
-        at[i] = envsamp__cdf_at(cdf, x[i], y[i], z[i], r[i]);
-        ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
+    ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
+    if (n % ENVSAMP__BATCH)
+        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
+    for (start = 0; start < n; start += ENVSAMP__BATCH) {
+        int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
+        size_t bytes = (size_t)count * sizeof(float);
+
+        for (i = 0; i < count; i++) {
+            across[i] = envsamp__draw(u0[start + (size_t)i]);
+            down[i] = envsamp__draw(u1[start + (size_t)i]);
+            row[i] = envsamp__cdf_find_row(cdf, down[i]);
+            ENVSAMP__PREFETCH(ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i])
+                              + (across[i] >> (24 - cdf->guide_bits)));
+        }
+        for (i = 0; i < count; i++) {
+            const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i]);
+            const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row[i])
+                                 + guide[across[i] >> (24 - cdf->guide_bits)];
+
+            ENVSAMP__PREFETCH(edge);
+            ENVSAMP__PREFETCH(edge + ENVSAMP__WALK);
+        }
+        for (i = 0; i < count; i++) {
+            envsamp__cdf_place at = envsamp__cdf_place_of(cdf, row[i], across[i]);
+
+            envsamp__batch_put(&batch, i, envsamp__cdf_point(cdf, at, across[i], down[i]),
+                               envsamp__cdf_density(cdf, at));
+        }
+        envsamp__point_dirs(cdf->mapping, (count + 15) & 0x70, batch.at, dir[0], dir[1], dir[2]);
+        ENVSAMP_MEMCPY(x + start, dir[0], bytes);
+        ENVSAMP_MEMCPY(y + start, dir[1], bytes);
+        ENVSAMP_MEMCPY(z + start, dir[2], bytes);
+        ENVSAMP_MEMCPY(pdf + start, batch.at + 3 * ENVSAMP__BATCH, bytes);
     }
-    for (i = 0; i < n; i++)
-        pdf[i] = envsamp__cdf_density(cdf, at[i]);
 }
 
 ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float *x,
                                    const float *y, const float *z, float *pdf)
 {
-    size_t i;
+    envsamp__cdf_place at[ENVSAMP__BATCH];
+    float r[ENVSAMP__BATCH];
+    size_t start, i;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
-    for (i = 0; i < n; i += ENVSAMP__BATCH)
-        envsamp__cdf_pdf_batch(cdf, n - i < ENVSAMP__BATCH ? (int)(n - i) : ENVSAMP__BATCH,
-                               x + i, y + i, z + i, pdf + i);
+    for (start = 0; start < n; start += ENVSAMP__BATCH) {
+        size_t count = n - start < ENVSAMP__BATCH ? n - start : ENVSAMP__BATCH;
+
+        for (i = 0; i < count; i++)
+            r[i] = x[start + i] * x[start + i] + y[start + i] * y[start + i];
+        envsamp__sqrt_n(r, (int)count);
+        for (i = 0; i < count; i++) {
+            at[i] = envsamp__cdf_at(cdf, x[start + i], y[start + i], z[start + i], r[i]);
+            ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
+        }
+        for (i = 0; i < count; i++)
+            pdf[start + i] = envsamp__cdf_density(cdf, at[i]);
+    }
 }
 
 /* ============================================================================================
@@ -8980,23 +8865,21 @@ static void envsamp__lm_iterate(envsamp__lm *lm)
     }
 }
 
-/* 0 or more, or infinite; no NaN. */
-static int envsamp__lm_is_tolerance(const double *asked)
-{
-    uint64_t bits = envsamp__double_bits(asked);
-
-    return bits <= (uint64_t)0x7ff << 52 || bits == (uint64_t)1 << 63;
-}
-
 ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
 {
     size_t row_bytes;
+    int i;
 
     if (!desc || desc->param_count < 1 || desc->param_count > ENVSAMP__LM_MAX_PARAMS
-        || desc->residual_count < desc->param_count || desc->max_iterations < 0
-        || !envsamp__lm_is_tolerance(&desc->ftol) || !envsamp__lm_is_tolerance(&desc->xtol)
-        || !envsamp__lm_is_tolerance(&desc->gtol))
+        || desc->residual_count < desc->param_count || desc->max_iterations < 0)
         return 0;
+    for (i = 0; i < 3; i++) {       /* tolerances: 0 or more, or infinite, but no NaN */
+        uint64_t bits = envsamp__double_bits(i == 0 ? &desc->ftol : i == 1 ? &desc->xtol
+                                                                           : &desc->gtol);
+
+        if (bits > (uint64_t)0x7ff << 52 && bits != (uint64_t)1 << 63)
+            return 0;
+    }
     row_bytes = ((size_t)desc->param_count + 2) * sizeof(double);
     return (size_t)desc->residual_count > (size_t)-1 / row_bytes
         ? 0 : row_bytes * (size_t)desc->residual_count;

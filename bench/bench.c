@@ -447,32 +447,26 @@ static uint32_t search(const uint32_t *edges, uint32_t count, uint32_t draw)
 /* As envsamp_cdf_sample, but inlined: without what the caller does not use. */
 static inline envsamp_sample guided_draw(const envsamp_cdf *cdf, float u0, float u1)
 {
-    uint32_t down = envsamp__draw(u1);
-    envsamp__texel t = envsamp__cdf_texel(cdf, envsamp__cdf_find_row(cdf, down),
-                                          envsamp__draw(u0), down);
+    uint32_t across = envsamp__draw(u0), down = envsamp__draw(u1);
+    envsamp__cdf_place at = envsamp__cdf_place_of(cdf, envsamp__cdf_find_row(cdf, down), across);
 
-    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, t), t.pdf);
+    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, at, across, down),
+                                 envsamp__cdf_density(cdf, at));
 }
 
 /* The same but for how row and column are found. */
 static envsamp_sample searched_draw(const envsamp_cdf *cdf, float u0, float u1)
 {
     uint32_t across = envsamp__draw(u0), down = envsamp__draw(u1);
-    const uint32_t *rows = ENVSAMP__ARRAY(uint32_t, cdf, row_edges), *edges;
-    envsamp__texel t;
+    envsamp__cdf_place at;
     envsamp__point p;
     envsamp_sample s;
 
-    t.row = search(rows, cdf->height, down);
-    edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, t.row);
-    t.column = search(edges, cdf->width, across);
-    edges += t.column;
-    t.fx = envsamp__cdf_fraction(edges, across);
-    t.fy = envsamp__cdf_fraction(rows + t.row, down);
-    t.pdf = (float)(int)(edges[1] - edges[0])
-          * ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows)[t.row].density;
-    p = envsamp__cdf_point(cdf, t);
-    s.pdf = t.pdf;
+    at.row = search(ENVSAMP__ARRAY(uint32_t, cdf, row_edges), cdf->height, down);
+    at.column = search(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row), cdf->width, across);
+    at.valid = 1;
+    p = envsamp__cdf_point(cdf, at, across, down);
+    s.pdf = envsamp__cdf_density(cdf, at);
     s.uv[0] = p.x;
     s.uv[1] = envsamp__polar_fraction(p.north, p.south);
     envsamp__point_dir(p, ENVSAMP_SQRTF(p.north * p.south), &s.dir[0], &s.dir[1], &s.dir[2]);

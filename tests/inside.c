@@ -200,9 +200,9 @@ float inside_row_edge(const envsamp_cdf *cdf, uint32_t row)
 inside_texel inside_draw(const envsamp_cdf *cdf, float u0, float u1)
 {
     const uint32_t down = envsamp__draw(u1);
-    const envsamp__texel t = envsamp__cdf_texel(cdf, envsamp__cdf_find_row(cdf, down),
-                                                envsamp__draw(u0), down);
-    const inside_texel texel = { t.column, t.row };
+    const envsamp__cdf_place at = envsamp__cdf_place_of(cdf, envsamp__cdf_find_row(cdf, down),
+                                                        envsamp__draw(u0));
+    const inside_texel texel = { at.column, at.row };
 
     return texel;
 }
@@ -218,9 +218,9 @@ inside_texel inside_find(const envsamp_cdf *cdf, const float dir[3])
 
 float inside_texel_pdf(const envsamp_cdf *cdf, uint32_t column, uint32_t row)
 {
-    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row) + column;
+    const envsamp__cdf_place at = { column, row, 1 };
 
-    return envsamp__cdf_parts_pdf(cdf, row, column, edge[1] - edge[0]);
+    return envsamp__cdf_density(cdf, at);
 }
 
 uint32_t inside_search(const envsamp_cdf *cdf, uint32_t row, uint32_t guide, uint32_t draw)
