@@ -1688,24 +1688,11 @@ ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const
     uv[1] = mapping == ENVSAMP_HEMISPHERE ? 4.0f * turn : 2.0f * turn;
 }
 
-/* Adds weight times the texel (x, y), which may be one beyond an edge. */
-static void envsamp__add_texel(const envsamp_image *image, int x, int y, float weight,
-                               float rgb[3])
-{
-    float texel[3];
-    int c;
-
-    envsamp__wrap_texel(image->mapping, image->width, image->height, &x, &y);
-    envsamp__mend_pixel(envsamp__pixel_at(image, x, y), image->channels, texel);
-    for (c = 0; c < 3; c++)
-        rgb[c] += weight * texel[c];
-}
-
 ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const float dir[3],
                                 float rgb[3])
 {
-    float uv[2], fx, fy;
-    int x, y;
+    float uv[2], texel[3], fx, fy, half = nearest ? 0.0f : 0.5f;
+    int x0, y0, i, c;
 
     ENVSAMP_ASSERT(image && dir && rgb && envsamp__floats_check(image->pixels) == ENVSAMP_OK);
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
@@ -1714,20 +1701,19 @@ ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const f
     envsamp_dir_to_uv(image->mapping, dir, uv);
     fx = uv[0] * (float)image->width;
     fy = uv[1] * (float)image->height;
-    if (nearest) {
-        x = (int)envsamp__index(fx, (uint32_t)image->width);
-        y = (int)envsamp__index(fy, (uint32_t)image->height);
-        envsamp__add_texel(image, x, y, 1.0f, rgb);
-        return;
+    x0 = fx < half ? -1 : (int)envsamp__index(fx - half, (uint32_t)image->width);
+    y0 = fy < half ? -1 : (int)envsamp__index(fy - half, (uint32_t)image->height);
+    fx = nearest ? 0.0f : fx - (0.5f + (float)x0);
+    fy = nearest ? 0.0f : fy - (0.5f + (float)y0);
+    for (i = 0; i < (nearest ? 1 : 4); i++) {
+        float weight = (i & 1 ? fx : 1.0f - fx) * (i & 2 ? fy : 1.0f - fy);
+        int x = x0 + (i & 1), y = y0 + (i >> 1);
+
+        envsamp__wrap_texel(image->mapping, image->width, image->height, &x, &y);
+        envsamp__mend_pixel(envsamp__pixel_at(image, x, y), image->channels, texel);
+        for (c = 0; c < 3; c++)
+            rgb[c] += weight * texel[c];
     }
-    x = fx < 0.5f ? -1 : (int)envsamp__index(fx - 0.5f, (uint32_t)image->width);
-    y = fy < 0.5f ? -1 : (int)envsamp__index(fy - 0.5f, (uint32_t)image->height);
-    fx -= 0.5f + (float)x;
-    fy -= 0.5f + (float)y;
-    envsamp__add_texel(image, x, y, (1.0f - fx) * (1.0f - fy), rgb);
-    envsamp__add_texel(image, x + 1, y, fx * (1.0f - fy), rgb);
-    envsamp__add_texel(image, x, y + 1, (1.0f - fx) * fy, rgb);
-    envsamp__add_texel(image, x + 1, y + 1, fx * fy, rgb);
 }
 
 /* ---- places and solid angles ---- */
@@ -1745,7 +1731,7 @@ typedef struct envsamp__rect { double x0, y0, x1, y1; } envsamp__rect;
 typedef struct envsamp__row_part { double sr, at, spread, top, end; } envsamp__row_part;
 
 typedef struct envsamp__level {
-    envsamp__cell *cells;
+    envsamp__cell *cells;       /* of level 0 neither these nor */
     double *row_sr;             /* solid angle of a column one cell of level 0 wide, in each row */
     int width, height, shift;
 } envsamp__level;
@@ -1754,11 +1740,11 @@ typedef struct envsamp__map {
     envsamp_mapping mapping;
     int image_width, image_height;
     int bilinear;
-    double offset;
+    envsamp__rect bounds;       /* the whole map, in cells; it begins at the offset */
     int width, height;          /* of level 0, in cells */
     float *knots;               /* bilinear: width + 1 by height + 1; else the cells' luminance */
     size_t stride, knot_count;
-    double *cap;                /* height + 1: polar angles of the row edges: see envsamp__polar */
+    double *cap;                /* height + 1: polar angles of the row edges; -1: unknown */
     envsamp__row_part *rows;    /* height */
     envsamp__level levels[ENVSAMP__LEVELS];
     int level_count;
@@ -1771,11 +1757,11 @@ typedef struct envsamp__map {
 /* Where cells begin and end: those of the border are half as wide. */
 static inline double envsamp__x_edge(const envsamp__map *map, int x)
 {
-    return envsamp__clamp((double)x, map->offset, (double)map->image_width + map->offset);
+    return envsamp__clamp((double)x, map->bounds.x0, map->bounds.x1);
 }
 static inline double envsamp__y_edge(const envsamp__map *map, int y)
 {
-    return envsamp__clamp((double)y, map->offset, (double)map->image_height + map->offset);
+    return envsamp__clamp((double)y, map->bounds.y0, map->bounds.y1);
 }
 
 /* Polar angle by the nearer pole, as 1 - cos theta or, `south`, 1 + cos theta: each is exact at its
@@ -1784,30 +1770,19 @@ typedef struct envsamp__polar { double cap; int south; } envsamp__polar;
 
 static envsamp__polar envsamp__polar_at(const envsamp__map *map, double y)
 {
-    double v = (y - map->offset) / (double)map->image_height, sine, cosine;
+    int row = (int)y + (y >= map->bounds.y1 ? map->bilinear : 0);
+    double v = (y - map->bounds.y0) / (double)map->image_height, sine, cosine;
     envsamp__polar p;
 
     p.south = map->mapping == ENVSAMP_LATLONG && v > 0.5;
     p.cap = p.south ? 1.0 - v : v;
-    if (map->mapping != ENVSAMP_OCTAHEDRAL) {
+    if (envsamp__y_edge(map, row) == y && map->cap[row] >= 0.0) {
+        p.cap = map->cap[row];
+    } else if (map->mapping != ENVSAMP_OCTAHEDRAL) {
         envsamp__sincos_pi(map->mapping == ENVSAMP_LATLONG ? 0.5 * p.cap : 0.25 * p.cap,
                            &sine, &cosine);
         p.cap = 2.0 * sine * sine;
     }
-    return p;
-}
-
-/* The same, from the table where y is the edge of a row. */
-static envsamp__polar envsamp__polar_edge(const envsamp__map *map, double y)
-{
-    int row = (int)y + (y >= (double)map->image_height + map->offset ? map->bilinear : 0);
-    envsamp__polar p;
-
-    if (envsamp__y_edge(map, row) < y)
-        return envsamp__polar_at(map, y);
-    p.cap = map->cap[row];
-    p.south = map->mapping == ENVSAMP_LATLONG
-           && y - map->offset > 0.5 * (double)map->image_height;
     return p;
 }
 
@@ -1829,7 +1804,7 @@ ENVSAMP__MATH double envsamp__unit_sr(uint32_t mapping)
 /* Solid angle between two places in polar angle of a column one cell wide. */
 static double envsamp__rows_sr(const envsamp__map *map, double y0, double y1)
 {
-    envsamp__polar a = envsamp__polar_edge(map, y0), b = envsamp__polar_edge(map, y1);
+    envsamp__polar a = envsamp__polar_at(map, y0), b = envsamp__polar_at(map, y1);
 
     return envsamp__unit_sr((uint32_t)map->mapping) / (double)map->image_width
          * envsamp__cap_between(a.cap, a.south, b.cap, b.south);
@@ -1837,8 +1812,10 @@ static double envsamp__rows_sr(const envsamp__map *map, double y0, double y1)
 
 /* The part of row y between y0 and y1. About the middle of the part, at distances of up to h in
    theta, solid angle goes with the sine: with t = 1 - h cot h the mean distance is t cot theta and
-   the mean of its square h^2 - 2 t. */
-static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, double y0, double y1)
+   the mean of its square h^2 - 2 t. `rough`: as if solid angle were even within the row, unless that
+   is near a pole. */
+static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, double y0, double y1,
+                                              int rough)
 {
     double edge = envsamp__y_edge(map, y), high = envsamp__y_edge(map, y + 1) - edge;
     double half = 0.5 * (y1 - y0) / high, shift = 0.0, second = 1.0 / 3.0;
@@ -1846,6 +1823,12 @@ static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, do
 
     part.top = (y0 - edge) / high;
     part.end = (y1 - edge) / high;
+    if (rough && map->rows[y].at >= 0.49 && map->rows[y].at <= 0.51) {
+        part.sr = map->rows[y].sr * (part.end - part.top);
+        part.at = 0.5 * (part.top + part.end);
+        part.spread = (part.end - part.top) * (part.end - part.top) / 12.0;
+        return part;
+    }
     part.sr = envsamp__rows_sr(map, y0, y1);
     if (map->mapping != ENVSAMP_OCTAHEDRAL) {
         double turn = (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5) / (double)map->image_height;
@@ -1857,24 +1840,13 @@ static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, do
             envsamp__sincos_pi(0.5 * (y1 - y0) * turn, &sine, &cosine);
             fraction = (1.0 - h * cosine / sine) / t;
         }
-        envsamp__sincos_pi((0.5 * (y0 + y1) - map->offset) * turn, &sine, &cosine);
+        envsamp__sincos_pi((0.5 * (y0 + y1) - map->bounds.y0) * turn, &sine, &cosine);
         shift = sine > 0.0 ? fraction * h * cosine / sine : 0.0;
         second = 1.0 - 2.0 * fraction;
     }
     part.at = 0.5 * (part.top + part.end) + shift * half;
     part.spread = (second - shift * shift) * half * half;
     return part;
-}
-
-/* The part of row y that lies in a rectangle. */
-static inline envsamp__row_part envsamp__row_within(const envsamp__map *map, int y,
-                                                    const envsamp__rect *rect)
-{
-    double y0 = envsamp__y_edge(map, y), y1 = envsamp__y_edge(map, y + 1);
-
-    if (rect->y0 <= y0 && rect->y1 >= y1)
-        return map->rows[y];
-    return envsamp__part_of_row(map, y, envsamp__max(y0, rect->y0), y1 < rect->y1 ? y1 : rect->y1);
 }
 
 /* Solid angle that a texel of row y stands for. With bilinear, its knot and what it lends to those
@@ -1894,37 +1866,21 @@ static double envsamp__texel_sr(const envsamp__map *map, int y)
     return sr;
 }
 
-static envsamp__rect envsamp__whole_map(const envsamp__map *map)
-{
-    double at = map->offset;
-    envsamp__rect all = { at, at, (double)map->image_width + at, (double)map->image_height + at };
-
-    return all;
-}
-
 /* ---- edges as tables store them ---- */
 
-/* An edge as a table stores it: azimuth in turns, or u. */
-static inline float envsamp__edge_x(const envsamp__map *map, double x)
+/* An edge as a table stores it: azimuth in turns, or u; along axis 1 1 - cos theta above the
+   equator, minus (1 + cos theta) below, so that each is exact at its pole, or v. */
+static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
 {
-    return (float)((x - map->offset) / (double)map->image_width);
-}
+    envsamp__polar p;
 
-/* An edge as a table stores it: 1 - cos theta above the equator, minus (1 + cos theta) below, so
-   that each is exact at its pole; v of an octahedral map. */
-static float envsamp__edge_y(const envsamp__map *map, double y)
-{
-    envsamp__polar p = envsamp__polar_edge(map, y);
-
+    if (axis == 0)
+        return (float)((at - map->bounds.x0) / (double)map->image_width);
+    p = envsamp__polar_at(map, at);
     return envsamp__with_sign((float)p.cap, p.south);
 }
 
-static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
-{
-    return axis ? envsamp__edge_y(map, at) : envsamp__edge_x(map, at);
-}
-
-/* Stored edges of the polar angle in rising order, as integers. */
+/* Stored edges in rising order, as integers. */
 ENVSAMP__MATH uint32_t envsamp__edge_key(float y)
 {
     uint32_t bits = envsamp__float_bits(y);
@@ -1932,40 +1888,36 @@ ENVSAMP__MATH uint32_t envsamp__edge_key(float y)
     return bits >> 31 ? 0xff000000u - bits : bits;      /* 1 and -1 are the same: the equator */
 }
 
-/* Moves a place to one that a table can store exactly: to a whole row or column, if that is stored
-   as the same edge, since cuts below the crown lie there. */
-static double envsamp__storable(const envsamp__map *map, double at, int axis)
+/* Moves a cut of a rectangle to where a table can store it exactly: to a whole row or column, if
+   that is stored as the same edge, since cuts below the crown lie there. Returns whether it is also
+   stored between the edges of the rectangle. */
+static int envsamp__store_cut(const envsamp__map *map, const envsamp__rect *rect, int axis,
+                              double *at)
 {
-    double whole = (double)(int)(at + 0.5), edge, range, sine;
-    float stored = envsamp__stored_edge(map, at, axis);
-    envsamp__polar p;
+    double whole = (double)(int)(*at + 0.5), edge, range, sine;
+    float stored = envsamp__stored_edge(map, *at, axis);
+    uint32_t key = envsamp__edge_key(stored);
 
-    if (envsamp__stored_edge(map, whole, axis) == stored
-        || (axis && envsamp__edge_key(envsamp__edge_y(map, whole)) == envsamp__edge_key(stored)))
-        return whole;
-    if (axis == 0)
-        return (double)stored * (double)map->image_width + map->offset;
     edge = (double)ENVSAMP_FABSF(stored);
-    if (map->mapping == ENVSAMP_OCTAHEDRAL)
-        return edge * (double)map->image_height + map->offset;
-    p = envsamp__polar_at(map, at);         /* from here a step of Newton's */
-    range = ENVSAMP__PI * (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
-    sine = ENVSAMP_SQRT(p.cap * (2.0 - p.cap));
-    if (sine > 0.0)
-        at += (p.south ? p.cap - edge : edge - p.cap)
-            / (sine * range / (double)map->image_height);
-    return envsamp__clamp(at, map->offset, (double)map->image_height + map->offset);
-}
+    if (envsamp__edge_key(envsamp__stored_edge(map, whole, axis)) == key) {
+        *at = whole;
+    } else if (axis == 0) {
+        *at = edge * (double)map->image_width + map->bounds.x0;
+    } else if (map->mapping == ENVSAMP_OCTAHEDRAL) {
+        *at = edge * (double)map->image_height + map->bounds.y0;
+    } else {                                /* a step of Newton's */
+        envsamp__polar p = envsamp__polar_at(map, *at);
 
-/* Whether an edge between two others is also stored between them. */
-static int envsamp__parts_edges(const envsamp__map *map, double low, double at, double high,
-                                int axis)
-{
-    float a = envsamp__stored_edge(map, low, axis), b = envsamp__stored_edge(map, at, axis);
-    float c = envsamp__stored_edge(map, high, axis);
-
-    return axis ? envsamp__edge_key(a) < envsamp__edge_key(b)
-               && envsamp__edge_key(b) < envsamp__edge_key(c) : a < b && b < c;
+        range = ENVSAMP__PI * (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
+        sine = ENVSAMP_SQRT(p.cap * (2.0 - p.cap));
+        if (sine > 0.0)
+            *at += (p.south ? p.cap - edge : edge - p.cap)
+                 / (sine * range / (double)map->image_height);
+        *at = envsamp__clamp(*at, map->bounds.y0, map->bounds.y1);
+    }
+    key = envsamp__edge_key(envsamp__stored_edge(map, *at, axis));
+    return envsamp__edge_key(envsamp__stored_edge(map, axis ? rect->y0 : rect->x0, axis)) < key
+        && key < envsamp__edge_key(envsamp__stored_edge(map, axis ? rect->y1 : rect->x1, axis));
 }
 
 typedef struct envsamp__edges { float x0, x1, y0, y1; } envsamp__edges;
@@ -2089,34 +2041,23 @@ ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *at, 
 
 /* ---- coordinates of density ---- */
 
-/* Azimuth, 0..4, of an edge in turns, and polar, 0..2, of one in 1 - cos and 1 + cos. */
-static float envsamp__azimuth_edge(double turns)
-{
-    double sine, cosine, q;
-
-    envsamp__sincos_pi(2.0 * turns, &sine, &cosine);
-    q = sine / (ENVSAMP__FABS(sine) + ENVSAMP__FABS(cosine));
-    return (float)(turns > 0.5 ? (turns < 0.75 ? 2.0 - q : 4.0 + q)
-                               : (turns < 0.25 ? q : 2.0 - q));
-}
-
-static float envsamp__polar_of(double north, double south)
-{
-    double r = ENVSAMP_SQRT(north * south), q = r / (r + 0.5 * ENVSAMP__FABS(south - north));
-
-    return (float)(north > south ? 2.0 - q : q);
-}
-
-/* The cut of a node at an edge as a table stores it. */
+/* The cut of a node at an edge as a table stores it: azimuth, 0..4, or minus the polar angle,
+   0..2. */
 static float envsamp__node_cut(uint32_t mapping, float edge, int axis)
 {
-    double cap = (double)ENVSAMP_FABSF(edge), rest = 2.0 - cap;
+    double size = (double)ENVSAMP_FABSF(edge), rest = 2.0 - size, sine, cosine, q;
 
     if (mapping == ENVSAMP_OCTAHEDRAL)
         return axis ? -2.0f * edge : 4.0f * edge;
-    if (axis == 0)
-        return envsamp__azimuth_edge((double)edge);
-    return envsamp__sign(edge) ? -envsamp__polar_of(rest, cap) : -envsamp__polar_of(cap, rest);
+    if (axis == 0) {
+        envsamp__sincos_pi(2.0 * size, &sine, &cosine);
+        q = sine / (ENVSAMP__FABS(sine) + ENVSAMP__FABS(cosine));
+        return (float)(size > 0.5 ? (size < 0.75 ? 2.0 - q : 4.0 + q)
+                                  : (size < 0.25 ? q : 2.0 - q));
+    }
+    sine = ENVSAMP_SQRT(rest * size);
+    q = sine / (sine + 0.5 * ENVSAMP__FABS(rest - size));
+    return -(float)((envsamp__sign(edge) ? rest > size : size > rest) ? 2.0 - q : q);
 }
 
 /* The coordinates of nodes and grid; both 0, and `valid` 0, for what is no direction. r is
@@ -2258,34 +2199,31 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
  * summed-area tables cannot promise. Floats hold a cell, doubles every sum over cells.
  * ========================================================================================== */
 
-/* Row edges, rows, and solid angles of the rows of every level. */
-static void envsamp__map_angles(envsamp__map *map)
+/* Begins to read: makes row edges, rows, and solid angles of the rows of every level. Returns
+   whether all rows are read once before a build begins. */
+static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
+                                 void *user, int strict)
 {
     int k, y;
 
+    source->fn = fn;
+    source->user = user;
+    source->strict = strict;
     ENVSAMP_MEMSET(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
-    for (y = 0; y <= map->height; y++)
+    for (y = 0; y <= map->height; y++) {
+        map->cap[y] = -1.0;
         map->cap[y] = envsamp__polar_at(map, envsamp__y_edge(map, y)).cap;
+    }
     for (y = 0; y < map->height; y++)
         map->rows[y] = envsamp__part_of_row(map, y, envsamp__y_edge(map, y),
-                                            envsamp__y_edge(map, y + 1));
-    for (k = 0; k < map->level_count; k++)
+                                            envsamp__y_edge(map, y + 1), 0);
+    for (k = 1; k < map->level_count; k++)
         for (y = 0; y < map->levels[k].height; y++) {
             int shift = map->levels[k].shift;
 
             map->levels[k].row_sr[y] = envsamp__rows_sr(map, envsamp__y_edge(map, y << shift),
                                                         envsamp__y_edge(map, (y + 1) << shift));
         }
-}
-
-/* Begins to read; returns whether all rows are read once before a build begins. */
-static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
-                                 void *user, int strict)
-{
-    source->fn = fn;
-    source->user = user;
-    source->strict = strict;
-    envsamp__map_angles(map);
     return source->compensation > 0.0f
         || (source->bilinear && source->image.mapping == ENVSAMP_OCTAHEDRAL);
 }
@@ -2589,13 +2527,16 @@ static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *sourc
 static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, int bilinear,
                                uint64_t lines, envsamp__arena *arena)
 {
+    double offset = bilinear ? 0.5 : 0.0;
     int k = 0;
 
     map->mapping = image->mapping;
     map->image_width = image->width;
     map->image_height = image->height;
     map->bilinear = bilinear;
-    map->offset = bilinear ? 0.5 : 0.0;
+    map->bounds.x0 = map->bounds.y0 = offset;
+    map->bounds.x1 = (double)image->width + offset;
+    map->bounds.y1 = (double)image->height + offset;
     map->width = image->width + bilinear;
     map->height = image->height + bilinear;
     map->stride = (size_t)(map->width + bilinear);
@@ -2608,7 +2549,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
         level->shift = k ? k + 1 : 0;
         level->width = (map->width + (1 << level->shift) - 1) >> level->shift;
         level->height = (map->height + (1 << level->shift) - 1) >> level->shift;
-        level->row_sr = ENVSAMP__TAKE(double, arena, level->height);
+        level->row_sr = k ? ENVSAMP__TAKE(double, arena, level->height) : NULL;
         level->cells = k ? ENVSAMP__TAKE(envsamp__cell, arena, (uint64_t)level->width
                                                                * (uint64_t)level->height) : NULL;
         map->level_count = k + 1;
@@ -2759,46 +2700,29 @@ static envsamp__window envsamp__contained(const envsamp__map *map, int k,
                                           const envsamp__rect *rect)
 {
     envsamp__window w = envsamp__touched(map, k, rect);
-    envsamp__rect all = envsamp__whole_map(map);
+    const envsamp__rect *all = &map->bounds;
     int shift = map->levels[k].shift;
 
-    w.x0 += (double)(w.x0 << shift) < rect->x0 && rect->x0 > all.x0;
-    w.y0 += (double)(w.y0 << shift) < rect->y0 && rect->y0 > all.y0;
-    w.x1 -= (double)(w.x1 << shift) > rect->x1 && rect->x1 < all.x1;
-    w.y1 -= (double)(w.y1 << shift) > rect->y1 && rect->y1 < all.y1;
+    w.x0 += (double)(w.x0 << shift) < rect->x0 && rect->x0 > all->x0;
+    w.y0 += (double)(w.y0 << shift) < rect->y0 && rect->y0 > all->y0;
+    w.x1 -= (double)(w.x1 << shift) > rect->x1 && rect->x1 < all->x1;
+    w.y1 -= (double)(w.y1 << shift) > rect->y1 && rect->y1 < all->y1;
     return w;
-}
-
-/* A part of row y as if solid angle were even within it, unless it is near a pole: blocks that such
-   parts make are rough. */
-static envsamp__row_part envsamp__part_within(const envsamp__map *map, int y, double y0, double y1)
-{
-    double edge = envsamp__y_edge(map, y), high = envsamp__y_edge(map, y + 1) - edge;
-    envsamp__row_part part = map->rows[y];
-
-    if (part.at < 0.49 || part.at > 0.51)
-        return envsamp__part_of_row(map, y, y0, y1);
-    part.top = (y0 - edge) / high;
-    part.end = (y1 - edge) / high;
-    part.sr *= part.end - part.top;
-    part.at = 0.5 * (part.top + part.end);
-    part.spread = (part.end - part.top) * (part.end - part.top) / 12.0;
-    return part;
 }
 
 /* The part of row y of level k that lies in a rectangle; above level 0 only its solid angle. */
 static envsamp__row_part envsamp__level_row(const envsamp__map *map, int k, int y,
                                             const envsamp__rect *rect)
 {
-    double size = envsamp__cell_size(map, k), top, end;
+    double size = envsamp__cell_size(map, k);
+    double top = envsamp__max((double)y * size, rect->y0);
+    double end = envsamp__min_double((double)(y + 1) * size, rect->y1);
     envsamp__row_part part = { 0.0, 0.0, 0.0, 0.0, 1.0 };
 
-    if (k == 0)
-        return envsamp__row_within(map, y, rect);
-    top = envsamp__max((double)y * size, rect->y0);
-    end = envsamp__min_double((double)(y + 1) * size, rect->y1);
-    if (k < 0)
-        return envsamp__part_within(map, y >> -k, top, end);
+    if (k == 0 && top <= envsamp__y_edge(map, y) && end >= envsamp__y_edge(map, y + 1))
+        return map->rows[y];
+    if (k <= 0)
+        return envsamp__part_of_row(map, y >> -k, top, end, k < 0);
     part.sr = end - top < size ? envsamp__rows_sr(map, top, end) : map->levels[k].row_sr[y];
     return part;
 }
@@ -3305,12 +3229,8 @@ static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
     b->low = envsamp__profile_moments(profile, 0, search.at);
     b->high = envsamp__profile_moments(profile, search.at, search.axis ? height : width);
     b->at = (double)((search.axis ? w.y0 : w.x0) + search.at) * envsamp__cell_size(map, k);
-    if (k < 0) {
-        b->at = envsamp__storable(map, b->at, b->axis);
-        if (!envsamp__parts_edges(map, b->axis ? b->rect.y0 : b->rect.x0, b->at,
-                                  b->axis ? b->rect.y1 : b->rect.x1, b->axis))
-            b->axis = -1;
-    }
+    if (k < 0 && !envsamp__store_cut(map, &b->rect, b->axis, &b->at))
+        b->axis = -1;
     return gain;
 }
 
@@ -3486,11 +3406,12 @@ static int envsamp__halve(envsamp__tree *tree, int number, int axis, double ligh
     const envsamp__map *map = tree->map;
     envsamp__cut *cut = &tree->cuts[number];
     envsamp__rect low = tree->blocks[number].rect, high = low;
-    double at = envsamp__storable(map, envsamp__median(tree, &low, axis, light), axis);
+    double at = envsamp__median(tree, &low, axis, light);
+    int stored = envsamp__store_cut(map, &low, axis, &at);
 
     cut->axis = axis;
     cut->at = at;
-    if (!envsamp__parts_edges(map, axis ? low.y0 : low.x0, at, axis ? low.y1 : low.x1, axis))
+    if (!stored)
         return 0;
     if (axis == 0)
         low.x1 = high.x0 = at;
@@ -3564,7 +3485,7 @@ static int envsamp__most_tile_bits(int block_limit)
 static void envsamp__crown_begin(envsamp__tree *tree, int bits)
 {
     tree->tile_bits = 0;
-    tree->blocks[0].rect = envsamp__whole_map(tree->map);
+    tree->blocks[0].rect = tree->map->bounds;
     envsamp__crown_end(tree);
     if (bits > 0) {
         envsamp__find_split(tree, &tree->blocks[0]);
@@ -4615,10 +4536,10 @@ static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
         const envsamp__block *b = &job->tree.blocks[number];
         double probability = job->probability[number], pdf = 0.0;
 
-        record->edges.x0 = envsamp__edge_x(map, b->rect.x0);
-        record->edges.x1 = envsamp__edge_x(map, b->rect.x1);
-        record->edges.y0 = envsamp__edge_y(map, b->rect.y0);
-        record->edges.y1 = envsamp__edge_y(map, b->rect.y1);
+        record->edges.x0 = envsamp__stored_edge(map, b->rect.x0, 0);
+        record->edges.x1 = envsamp__stored_edge(map, b->rect.x1, 0);
+        record->edges.y0 = envsamp__stored_edge(map, b->rect.y0, 1);
+        record->edges.y1 = envsamp__stored_edge(map, b->rect.y1, 1);
         if (probability > 0.0)          /* of a steep fit next to 0, but lit */
             pdf = envsamp__max(probability / envsamp__edges_sr(kd->mapping, &record->edges),
                                (double)FLT_MIN);
@@ -5919,7 +5840,7 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     envsamp__cdf_share(job->mass, cdf->height, total, lit, edges, cdf->row_bits,
                        ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
     for (y = 0; y <= height; y++) {
-        float cap = envsamp__edge_y(map, envsamp__y_edge(map, y));
+        float cap = envsamp__stored_edge(map, envsamp__y_edge(map, y), 1);
         envsamp__polar_pair edge = envsamp__edge_pair(cap);
 
         rows[y].north = edge.north;
