@@ -1443,14 +1443,12 @@ static inline uint32_t envsamp__suspect(float value)
 static const float *envsamp__read_pixels(const float *from, int channels, int count,
                                          float *mended, size_t *bad)
 {
-    const int part = ENVSAMP__CHUNK / 4;
     int floats = channels * count, at = 0, i, c;
     uint32_t top = 0;
 
     for (; at + ENVSAMP__CHUNK <= floats; at += ENVSAMP__CHUNK)
-        for (i = at; i < at + part; i++)
-            top |= envsamp__suspect(from[i]) | envsamp__suspect(from[i + part])
-                 | envsamp__suspect(from[i + 2 * part]) | envsamp__suspect(from[i + 3 * part]);
+        for (i = 0; i < ENVSAMP__CHUNK; i++)
+            top |= envsamp__suspect(from[at + i]);
     for (; at < floats; at++)
         top |= envsamp__suspect(from[at]);
     if (top >> 31 && channels == 4)         /* not by what is ignored */
@@ -2746,36 +2744,27 @@ static inline void envsamp__add_run(const envsamp__map *map, const envsamp__run 
         double m[4], v[4];
         float top[4];
 
-        for (x = 0; x < 4; x++)
+        for (x = 0; x < 4; x++) {
             m[x] = (double)(run->mean[i + x] * keep[i + x]);
-        for (x = 0; x < 4; x++)
             v[x] = unit * (m[x] * m[x] + (double)(run->variance[i + x] * keep[i + x]));
-        for (x = 0; x < 4; x++)
             m[x] *= scaled;
-        for (x = 0; x < 4; x++)
-            top[x] = run->peak[i + x] * keep[i + x];
-        for (x = 0; x < 4; x++)
             sum[x] += m[x];
-        for (x = 0; x < 4; x++)
             square[x] += v[x];
-        for (x = 0; x < 4; x++)
+        }
+        for (x = 0; x < 4; x++) {
+            top[x] = run->peak[i + x] * keep[i + x];
             high[x] = top[x] > high[x] ? top[x] : high[x];
+        }
         if (columns) {
             double *s = columns->sum + bin + i, *q = columns->square + bin + i;
             float *p = columns->peak + bin + i;
 
             for (x = 0; x < 4; x++)
-                m[x] += s[x];
+                s[x] += m[x];
             for (x = 0; x < 4; x++)
-                s[x] = m[x];
+                q[x] += v[x];
             for (x = 0; x < 4; x++)
-                v[x] += q[x];
-            for (x = 0; x < 4; x++)
-                q[x] = v[x];
-            for (x = 0; x < 4; x++)
-                top[x] = p[x] > top[x] ? p[x] : top[x];
-            for (x = 0; x < 4; x++)
-                p[x] = top[x];
+                p[x] = top[x] > p[x] ? top[x] : p[x];
         }
     }
     part.sum = (sum[0] + sum[1]) + (sum[2] + sum[3]);
