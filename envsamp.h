@@ -1455,14 +1455,12 @@ static inline uint32_t envsamp__suspect(float value)
 static const float *envsamp__read_pixels(const float *from, int channels, int count,
                                          float *mended, size_t *bad)
 {
-    const int part = ENVSAMP__CHUNK / 4;
     int floats = channels * count, at = 0, i, c;
     uint32_t top = 0;
 
     for (; at + ENVSAMP__CHUNK <= floats; at += ENVSAMP__CHUNK)
-        for (i = at; i < at + part; i++)
-            top |= envsamp__suspect(from[i]) | envsamp__suspect(from[i + part])
-                 | envsamp__suspect(from[i + 2 * part]) | envsamp__suspect(from[i + 3 * part]);
+        for (i = 0; i < ENVSAMP__CHUNK; i++)
+            top |= envsamp__suspect(from[at + i]);
     for (; at < floats; at++)
         top |= envsamp__suspect(from[at]);
     if (top >> 31 && channels == 4)         /* not by what is ignored */
@@ -1642,44 +1640,37 @@ static void envsamp__border_line(const envsamp__source *source, int y, int outsi
  * What turns edges, directions, u and v into one another.
  * ========================================================================================== */
 
-/* As envsamp__octahedral_dir, in double. A 0 has the sign of its side, so that points on an edge
-   come back on the same half of it. */
-ENVSAMP__MATH void envsamp__octahedral_dir_exact(double u, double v, float dir[3])
-{
-    double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0, p = ENVSAMP__FABS(a), q = ENVSAMP__FABS(b);
-    double r = p + q, ring, x, y, z;
-    int south = r > 1.0;
-
-    r = south ? 2.0 - r : r;
-    q = south ? 1.0 - p : q;
-    ring = r * ENVSAMP_SQRT(2.0 - r * r);
-    z = 1.0 - r * r;
-    envsamp__sincos_pi(r > 0.0 ? 0.5 * q / r : 0.0, &y, &x);
-    dir[0] = ENVSAMP_COPYSIGNF((float)(x * ring), (float)a);
-    dir[1] = ENVSAMP_COPYSIGNF((float)(y * ring), (float)b);
-    dir[2] = (float)(south ? -z : z);
-}
-
+/* In double. A 0 of an octahedral map has the sign of its side, so that points on an edge come back
+   on the same half of it. */
 ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v,
                                                   float dir[3])
 {
-    double cosine_phi, sine_phi, cosine, sine;
+    double a, b, p, q, r, ring, z, sine, cosine, sine_phi, cosine_phi;
 
     dir[0] = dir[1] = dir[2] = 0.0f;
     v = envsamp__saturate(v);
     if (mapping == ENVSAMP_OCTAHEDRAL) {
-        envsamp__octahedral_dir_exact((double)envsamp__saturate(u), (double)v, dir);
-        return;
+        a = 2.0 * (double)envsamp__saturate(u) - 1.0;
+        b = 2.0 * (double)v - 1.0;
+        p = ENVSAMP__FABS(a);
+        q = ENVSAMP__FABS(b);
+        r = p + q > 1.0 ? 2.0 - (p + q) : p + q;
+        z = p + q > 1.0 ? r * r - 1.0 : 1.0 - r * r;
+        q = p + q > 1.0 ? 1.0 - p : q;
+        ring = r * ENVSAMP_SQRT(2.0 - r * r);
+        envsamp__sincos_pi(r > 0.0 ? 0.5 * q / r : 0.0, &sine_phi, &cosine_phi);
+        dir[0] = ENVSAMP_COPYSIGNF((float)(cosine_phi * ring), (float)a);
+        dir[1] = ENVSAMP_COPYSIGNF((float)(sine_phi * ring), (float)b);
+        dir[2] = (float)z;
+    } else if (mapping == ENVSAMP_LATLONG || mapping == ENVSAMP_HEMISPHERE) {
+        u = envsamp__in_range(u, -1e6f, 1e6f) ? u : 0.0f;
+        u -= (float)(int)u;
+        envsamp__sincos_pi(2.0 * (double)(u < 0.0f ? u + 1.0f : u), &sine_phi, &cosine_phi);
+        envsamp__sincos_pi((mapping == ENVSAMP_LATLONG ? 1.0 : 0.5) * (double)v, &sine, &cosine);
+        dir[0] = (float)(cosine_phi * sine);
+        dir[1] = (float)(sine_phi * sine);
+        dir[2] = (float)cosine;
     }
-    if (mapping != ENVSAMP_LATLONG && mapping != ENVSAMP_HEMISPHERE)
-        return;
-    u = envsamp__in_range(u, -1e6f, 1e6f) ? u : 0.0f;
-    u -= (float)(int)u;
-    envsamp__sincos_pi(2.0 * (double)(u < 0.0f ? u + 1.0f : u), &sine_phi, &cosine_phi);
-    envsamp__sincos_pi((mapping == ENVSAMP_LATLONG ? 1.0 : 0.5) * (double)v, &sine, &cosine);
-    dir[0] = (float)(cosine_phi * sine);
-    dir[1] = (float)(sine_phi * sine);
-    dir[2] = (float)cosine;
 }
 
 ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const float dir[3],
@@ -1700,24 +1691,11 @@ ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const
     uv[1] = mapping == ENVSAMP_HEMISPHERE ? 4.0f * turn : 2.0f * turn;
 }
 
-/* Adds weight times the texel (x, y), which may be one beyond an edge. */
-static void envsamp__add_texel(const envsamp_image *image, int x, int y, float weight,
-                               float rgb[3])
-{
-    float texel[3];
-    int c;
-
-    envsamp__wrap_texel(image->mapping, image->width, image->height, &x, &y);
-    envsamp__mend_pixel(envsamp__pixel_at(image, x, y), image->channels, texel);
-    for (c = 0; c < 3; c++)
-        rgb[c] += weight * texel[c];
-}
-
 ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const float dir[3],
                                 float rgb[3])
 {
-    float uv[2], fx, fy;
-    int x, y;
+    float uv[2], texel[3], fx, fy, half = nearest ? 0.0f : 0.5f;
+    int x0, y0, i, c;
 
     ENVSAMP_ASSERT(image && dir && rgb && envsamp__floats_check(image->pixels) == ENVSAMP_OK);
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
@@ -1726,20 +1704,19 @@ ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const f
     envsamp_dir_to_uv(image->mapping, dir, uv);
     fx = uv[0] * (float)image->width;
     fy = uv[1] * (float)image->height;
-    if (nearest) {
-        x = (int)envsamp__index(fx, (uint32_t)image->width);
-        y = (int)envsamp__index(fy, (uint32_t)image->height);
-        envsamp__add_texel(image, x, y, 1.0f, rgb);
-        return;
+    x0 = fx < half ? -1 : (int)envsamp__index(fx - half, (uint32_t)image->width);
+    y0 = fy < half ? -1 : (int)envsamp__index(fy - half, (uint32_t)image->height);
+    fx = nearest ? 0.0f : fx - (0.5f + (float)x0);
+    fy = nearest ? 0.0f : fy - (0.5f + (float)y0);
+    for (i = 0; i < (nearest ? 1 : 4); i++) {
+        float weight = (i & 1 ? fx : 1.0f - fx) * (i & 2 ? fy : 1.0f - fy);
+        int x = x0 + (i & 1), y = y0 + (i >> 1);
+
+        envsamp__wrap_texel(image->mapping, image->width, image->height, &x, &y);
+        envsamp__mend_pixel(envsamp__pixel_at(image, x, y), image->channels, texel);
+        for (c = 0; c < 3; c++)
+            rgb[c] += weight * texel[c];
     }
-    x = fx < 0.5f ? -1 : (int)envsamp__index(fx - 0.5f, (uint32_t)image->width);
-    y = fy < 0.5f ? -1 : (int)envsamp__index(fy - 0.5f, (uint32_t)image->height);
-    fx -= 0.5f + (float)x;
-    fy -= 0.5f + (float)y;
-    envsamp__add_texel(image, x, y, (1.0f - fx) * (1.0f - fy), rgb);
-    envsamp__add_texel(image, x + 1, y, fx * (1.0f - fy), rgb);
-    envsamp__add_texel(image, x, y + 1, (1.0f - fx) * fy, rgb);
-    envsamp__add_texel(image, x + 1, y + 1, fx * fy, rgb);
 }
 
 /* ---- places and solid angles ---- */
@@ -1757,7 +1734,7 @@ typedef struct envsamp__rect { double x0, y0, x1, y1; } envsamp__rect;
 typedef struct envsamp__row_part { double sr, at, spread, top, end; } envsamp__row_part;
 
 typedef struct envsamp__level {
-    envsamp__cell *cells;
+    envsamp__cell *cells;       /* of level 0 neither these nor */
     double *row_sr;             /* solid angle of a column one cell of level 0 wide, in each row */
     int width, height, shift;
 } envsamp__level;
@@ -1766,11 +1743,11 @@ typedef struct envsamp__map {
     envsamp_mapping mapping;
     int image_width, image_height;
     int bilinear;
-    double offset;
+    envsamp__rect bounds;       /* the whole map, in cells; it begins at the offset */
     int width, height;          /* of level 0, in cells */
     float *knots;               /* bilinear: width + 1 by height + 1; else the cells' luminance */
     size_t stride, knot_count;
-    double *cap;                /* height + 1: polar angles of the row edges: see envsamp__polar */
+    double *cap;                /* height + 1: polar angles of the row edges; -1: unknown */
     envsamp__row_part *rows;    /* height */
     envsamp__level levels[ENVSAMP__LEVELS];
     int level_count;
@@ -1783,11 +1760,11 @@ typedef struct envsamp__map {
 /* Where cells begin and end: those of the border are half as wide. */
 static inline double envsamp__x_edge(const envsamp__map *map, int x)
 {
-    return envsamp__clamp((double)x, map->offset, (double)map->image_width + map->offset);
+    return envsamp__clamp((double)x, map->bounds.x0, map->bounds.x1);
 }
 static inline double envsamp__y_edge(const envsamp__map *map, int y)
 {
-    return envsamp__clamp((double)y, map->offset, (double)map->image_height + map->offset);
+    return envsamp__clamp((double)y, map->bounds.y0, map->bounds.y1);
 }
 
 /* Polar angle by the nearer pole, as 1 - cos theta or, `south`, 1 + cos theta: each is exact at its
@@ -1796,30 +1773,20 @@ typedef struct envsamp__polar { double cap; int south; } envsamp__polar;
 
 static envsamp__polar envsamp__polar_at(const envsamp__map *map, double y)
 {
-    double v = (y - map->offset) / (double)map->image_height, sine, cosine;
+    int row = (int)y + (y >= map->bounds.y1 ? map->bilinear : 0);
+    double down = y - map->bounds.y0, height = (double)map->image_height, sine, cosine;
     envsamp__polar p;
 
-    p.south = map->mapping == ENVSAMP_LATLONG && v > 0.5;
-    p.cap = p.south ? 1.0 - v : v;
+    p.south = map->mapping == ENVSAMP_LATLONG && down > 0.5 * height;
+    p.cap = map->cap[row];
+    if (p.cap >= 0.0 && envsamp__y_edge(map, row) == y)
+        return p;
+    p.cap = p.south ? 1.0 - down / height : down / height;
     if (map->mapping != ENVSAMP_OCTAHEDRAL) {
         envsamp__sincos_pi(map->mapping == ENVSAMP_LATLONG ? 0.5 * p.cap : 0.25 * p.cap,
                            &sine, &cosine);
         p.cap = 2.0 * sine * sine;
     }
-    return p;
-}
-
-/* The same, from the table where y is the edge of a row. */
-static envsamp__polar envsamp__polar_edge(const envsamp__map *map, double y)
-{
-    int row = (int)y + (y >= (double)map->image_height + map->offset ? map->bilinear : 0);
-    envsamp__polar p;
-
-    if (envsamp__y_edge(map, row) < y)
-        return envsamp__polar_at(map, y);
-    p.cap = map->cap[row];
-    p.south = map->mapping == ENVSAMP_LATLONG
-           && y - map->offset > 0.5 * (double)map->image_height;
     return p;
 }
 
@@ -1841,7 +1808,7 @@ ENVSAMP__MATH double envsamp__unit_sr(uint32_t mapping)
 /* Solid angle between two places in polar angle of a column one cell wide. */
 static double envsamp__rows_sr(const envsamp__map *map, double y0, double y1)
 {
-    envsamp__polar a = envsamp__polar_edge(map, y0), b = envsamp__polar_edge(map, y1);
+    envsamp__polar a = envsamp__polar_at(map, y0), b = envsamp__polar_at(map, y1);
 
     return envsamp__unit_sr((uint32_t)map->mapping) / (double)map->image_width
          * envsamp__cap_between(a.cap, a.south, b.cap, b.south);
@@ -1849,8 +1816,10 @@ static double envsamp__rows_sr(const envsamp__map *map, double y0, double y1)
 
 /* The part of row y between y0 and y1. About the middle of the part, at distances of up to h in
    theta, solid angle goes with the sine: with t = 1 - h cot h the mean distance is t cot theta and
-   the mean of its square h^2 - 2 t. */
-static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, double y0, double y1)
+   the mean of its square h^2 - 2 t. `rough`: away from the poles as if solid angle were even within
+   the row. */
+static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, double y0, double y1,
+                                              int rough)
 {
     double edge = envsamp__y_edge(map, y), high = envsamp__y_edge(map, y + 1) - edge;
     double half = 0.5 * (y1 - y0) / high, shift = 0.0, second = 1.0 / 3.0;
@@ -1858,6 +1827,12 @@ static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, do
 
     part.top = (y0 - edge) / high;
     part.end = (y1 - edge) / high;
+    if (rough && map->rows[y].at >= 0.49 && map->rows[y].at <= 0.51) {
+        part.sr = map->rows[y].sr * (part.end - part.top);
+        part.at = 0.5 * (part.top + part.end);
+        part.spread = (part.end - part.top) * (part.end - part.top) / 12.0;
+        return part;
+    }
     part.sr = envsamp__rows_sr(map, y0, y1);
     if (map->mapping != ENVSAMP_OCTAHEDRAL) {
         double turn = (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5) / (double)map->image_height;
@@ -1869,24 +1844,13 @@ static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, do
             envsamp__sincos_pi(0.5 * (y1 - y0) * turn, &sine, &cosine);
             fraction = (1.0 - h * cosine / sine) / t;
         }
-        envsamp__sincos_pi((0.5 * (y0 + y1) - map->offset) * turn, &sine, &cosine);
+        envsamp__sincos_pi((0.5 * (y0 + y1) - map->bounds.y0) * turn, &sine, &cosine);
         shift = sine > 0.0 ? fraction * h * cosine / sine : 0.0;
         second = 1.0 - 2.0 * fraction;
     }
     part.at = 0.5 * (part.top + part.end) + shift * half;
     part.spread = (second - shift * shift) * half * half;
     return part;
-}
-
-/* The part of row y that lies in a rectangle. */
-static inline envsamp__row_part envsamp__row_within(const envsamp__map *map, int y,
-                                                    const envsamp__rect *rect)
-{
-    double y0 = envsamp__y_edge(map, y), y1 = envsamp__y_edge(map, y + 1);
-
-    if (rect->y0 <= y0 && rect->y1 >= y1)
-        return map->rows[y];
-    return envsamp__part_of_row(map, y, envsamp__max(y0, rect->y0), y1 < rect->y1 ? y1 : rect->y1);
 }
 
 /* Solid angle that a texel of row y stands for. With bilinear, its knot and what it lends to those
@@ -1906,37 +1870,21 @@ static double envsamp__texel_sr(const envsamp__map *map, int y)
     return sr;
 }
 
-static envsamp__rect envsamp__whole_map(const envsamp__map *map)
-{
-    double at = map->offset;
-    envsamp__rect all = { at, at, (double)map->image_width + at, (double)map->image_height + at };
-
-    return all;
-}
-
 /* ---- edges as tables store them ---- */
 
-/* An edge as a table stores it: azimuth in turns, or u. */
-static inline float envsamp__edge_x(const envsamp__map *map, double x)
+/* An edge as a table stores it: azimuth in turns, or u; along axis 1 1 - cos theta above the
+   equator, minus (1 + cos theta) below, so that each is exact at its pole, or v. */
+static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
 {
-    return (float)((x - map->offset) / (double)map->image_width);
-}
+    envsamp__polar p;
 
-/* An edge as a table stores it: 1 - cos theta above the equator, minus (1 + cos theta) below, so
-   that each is exact at its pole; v of an octahedral map. */
-static float envsamp__edge_y(const envsamp__map *map, double y)
-{
-    envsamp__polar p = envsamp__polar_edge(map, y);
-
+    if (axis == 0)
+        return (float)((at - map->bounds.x0) / (double)map->image_width);
+    p = envsamp__polar_at(map, at);
     return envsamp__with_sign((float)p.cap, p.south);
 }
 
-static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
-{
-    return axis ? envsamp__edge_y(map, at) : envsamp__edge_x(map, at);
-}
-
-/* Stored edges of the polar angle in rising order, as integers. */
+/* Stored edges in rising order, as integers. */
 ENVSAMP__MATH uint32_t envsamp__edge_key(float y)
 {
     uint32_t bits = envsamp__float_bits(y);
@@ -1944,40 +1892,36 @@ ENVSAMP__MATH uint32_t envsamp__edge_key(float y)
     return bits >> 31 ? 0xff000000u - bits : bits;      /* 1 and -1 are the same: the equator */
 }
 
-/* Moves a place to one that a table can store exactly: to a whole row or column, if that is stored
-   as the same edge, since cuts below the crown lie there. */
-static double envsamp__storable(const envsamp__map *map, double at, int axis)
+/* Moves a cut of a rectangle to where a table can store it exactly: to a whole row or column, if
+   that is stored as the same edge, since cuts below the crown lie there. Returns whether it is also
+   stored between the edges of the rectangle. */
+static int envsamp__store_cut(const envsamp__map *map, const envsamp__rect *rect, int axis,
+                              double *at)
 {
-    double whole = (double)(int)(at + 0.5), edge, range, sine;
-    float stored = envsamp__stored_edge(map, at, axis);
-    envsamp__polar p;
+    double whole = (double)(int)(*at + 0.5), edge, range, sine;
+    float stored = envsamp__stored_edge(map, *at, axis);
+    uint32_t key = envsamp__edge_key(stored);
 
-    if (envsamp__stored_edge(map, whole, axis) == stored
-        || (axis && envsamp__edge_key(envsamp__edge_y(map, whole)) == envsamp__edge_key(stored)))
-        return whole;
-    if (axis == 0)
-        return (double)stored * (double)map->image_width + map->offset;
     edge = (double)ENVSAMP_FABSF(stored);
-    if (map->mapping == ENVSAMP_OCTAHEDRAL)
-        return edge * (double)map->image_height + map->offset;
-    p = envsamp__polar_at(map, at);         /* from here a step of Newton's */
-    range = ENVSAMP__PI * (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
-    sine = ENVSAMP_SQRT(p.cap * (2.0 - p.cap));
-    if (sine > 0.0)
-        at += (p.south ? p.cap - edge : edge - p.cap)
-            / (sine * range / (double)map->image_height);
-    return envsamp__clamp(at, map->offset, (double)map->image_height + map->offset);
-}
+    if (envsamp__edge_key(envsamp__stored_edge(map, whole, axis)) == key) {
+        *at = whole;
+    } else if (axis == 0) {
+        *at = edge * (double)map->image_width + map->bounds.x0;
+    } else if (map->mapping == ENVSAMP_OCTAHEDRAL) {
+        *at = edge * (double)map->image_height + map->bounds.y0;
+    } else {                                /* a step of Newton's */
+        envsamp__polar p = envsamp__polar_at(map, *at);
 
-/* Whether an edge between two others is also stored between them. */
-static int envsamp__parts_edges(const envsamp__map *map, double low, double at, double high,
-                                int axis)
-{
-    float a = envsamp__stored_edge(map, low, axis), b = envsamp__stored_edge(map, at, axis);
-    float c = envsamp__stored_edge(map, high, axis);
-
-    return axis ? envsamp__edge_key(a) < envsamp__edge_key(b)
-               && envsamp__edge_key(b) < envsamp__edge_key(c) : a < b && b < c;
+        range = ENVSAMP__PI * (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
+        sine = ENVSAMP_SQRT(p.cap * (2.0 - p.cap));
+        if (sine > 0.0)
+            *at += (p.south ? p.cap - edge : edge - p.cap)
+                 / (sine * range / (double)map->image_height);
+        *at = envsamp__clamp(*at, map->bounds.y0, map->bounds.y1);
+    }
+    key = envsamp__edge_key(envsamp__stored_edge(map, *at, axis));
+    return envsamp__edge_key(envsamp__stored_edge(map, axis ? rect->y0 : rect->x0, axis)) < key
+        && key < envsamp__edge_key(envsamp__stored_edge(map, axis ? rect->y1 : rect->x1, axis));
 }
 
 typedef struct envsamp__edges { float x0, x1, y0, y1; } envsamp__edges;
@@ -2101,34 +2045,23 @@ ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *at, 
 
 /* ---- coordinates of density ---- */
 
-/* Azimuth, 0..4, of an edge in turns, and polar, 0..2, of one in 1 - cos and 1 + cos. */
-static float envsamp__azimuth_edge(double turns)
-{
-    double sine, cosine, q;
-
-    envsamp__sincos_pi(2.0 * turns, &sine, &cosine);
-    q = sine / (ENVSAMP__FABS(sine) + ENVSAMP__FABS(cosine));
-    return (float)(turns > 0.5 ? (turns < 0.75 ? 2.0 - q : 4.0 + q)
-                               : (turns < 0.25 ? q : 2.0 - q));
-}
-
-static float envsamp__polar_of(double north, double south)
-{
-    double r = ENVSAMP_SQRT(north * south), q = r / (r + 0.5 * ENVSAMP__FABS(south - north));
-
-    return (float)(north > south ? 2.0 - q : q);
-}
-
-/* The cut of a node at an edge as a table stores it. */
+/* The cut of a node at an edge as a table stores it: azimuth, 0..4, or minus the polar angle,
+   0..2. */
 static float envsamp__node_cut(uint32_t mapping, float edge, int axis)
 {
-    double cap = (double)ENVSAMP_FABSF(edge), rest = 2.0 - cap;
+    double size = (double)ENVSAMP_FABSF(edge), rest = 2.0 - size, sine, cosine, q;
 
     if (mapping == ENVSAMP_OCTAHEDRAL)
         return axis ? -2.0f * edge : 4.0f * edge;
-    if (axis == 0)
-        return envsamp__azimuth_edge((double)edge);
-    return envsamp__sign(edge) ? -envsamp__polar_of(rest, cap) : -envsamp__polar_of(cap, rest);
+    if (axis == 0) {
+        envsamp__sincos_pi(2.0 * size, &sine, &cosine);
+        q = sine / (ENVSAMP__FABS(sine) + ENVSAMP__FABS(cosine));
+        return (float)(size > 0.5 ? (size < 0.75 ? 2.0 - q : 4.0 + q)
+                                  : (size < 0.25 ? q : 2.0 - q));
+    }
+    sine = ENVSAMP_SQRT(rest * size);
+    q = sine / (sine + 0.5 * ENVSAMP__FABS(rest - size));
+    return -(float)((envsamp__sign(edge) ? rest > size : size > rest) ? 2.0 - q : q);
 }
 
 /* The coordinates of nodes and grid; both 0, and `valid` 0, for what is no direction. r is
@@ -2270,45 +2203,47 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
  * summed-area tables cannot promise. Floats hold a cell, doubles every sum over cells.
  * ========================================================================================== */
 
-/* Row edges, rows, and solid angles of the rows of every level. */
-static void envsamp__map_angles(envsamp__map *map)
+/* Begins to read: makes row edges, rows, and solid angles of the rows of every level. Returns
+   whether all rows are read once before a build begins. */
+static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
+                                 void *user, int strict)
 {
     int k, y;
 
+    source->fn = fn;
+    source->user = user;
+    source->strict = strict;
     ENVSAMP_MEMSET(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
-    for (y = 0; y <= map->height; y++)
+    for (y = 0; y <= map->height; y++) {
+        map->cap[y] = -1.0;
         map->cap[y] = envsamp__polar_at(map, envsamp__y_edge(map, y)).cap;
+    }
     for (y = 0; y < map->height; y++)
         map->rows[y] = envsamp__part_of_row(map, y, envsamp__y_edge(map, y),
-                                            envsamp__y_edge(map, y + 1));
-    for (k = 0; k < map->level_count; k++)
+                                            envsamp__y_edge(map, y + 1), 0);
+    for (k = 1; k < map->level_count; k++)
         for (y = 0; y < map->levels[k].height; y++) {
             int shift = map->levels[k].shift;
 
             map->levels[k].row_sr[y] = envsamp__rows_sr(map, envsamp__y_edge(map, y << shift),
                                                         envsamp__y_edge(map, (y + 1) << shift));
         }
-}
-
-/* Begins to read; returns whether all rows are read once before a build begins. */
-static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
-                                 void *user, int strict)
-{
-    source->fn = fn;
-    source->user = user;
-    source->strict = strict;
-    envsamp__map_angles(map);
     return source->compensation > 0.0f
         || (source->bilinear && source->image.mapping == ENVSAMP_OCTAHEDRAL);
 }
 
-/* Reads a row ahead of the build, with memory for one row of luminance. */
+/* Reads a row ahead of the build, with memory for one row of luminance. After the last one it sets
+   what compensation subtracts from every texel [8]: nothing where nothing or only rounding would be
+   left of a map. */
 static envsamp_result envsamp__survey_row(envsamp__source *source, const envsamp__map *map, int y,
                                           float *luminance)
 {
     envsamp_result result = envsamp__source_row(source, y, luminance);
-    double sum = 0.0;
-    int x;
+    int folds = source->bilinear && map->mapping == ENVSAMP_OCTAHEDRAL;
+    double sum = 0.0, whole_sr = (map->mapping == ENVSAMP_LATLONG ? 2.0 : 1.0)
+                               * envsamp__unit_sr((uint32_t)map->mapping);
+    float dim;
+    int x, i;
 
     if (result != ENVSAMP_OK)
         return result;
@@ -2317,35 +2252,23 @@ static envsamp_result envsamp__survey_row(envsamp__source *source, const envsamp
         source->brightest = luminance[x] > source->brightest ? luminance[x] : source->brightest;
     }
     source->integral += sum * envsamp__texel_sr(map, y);
-    if (source->bilinear && map->mapping == ENVSAMP_OCTAHEDRAL) {
-        source->side[0][y] = luminance[0];
-        source->side[1][y] = luminance[map->image_width - 1];
-    }
-    return ENVSAMP_OK;
-}
-
-/* Ends the survey: what compensation subtracts from every texel [8]. Where nothing or only rounding
-   would be left of a map, it is left as it is: any density does in MIS. */
-static void envsamp__survey_end(envsamp__source *source, const envsamp__map *map)
-{
-    double polar = map->mapping == ENVSAMP_LATLONG ? 2.0 : 1.0;
-    double whole = polar * envsamp__unit_sr((uint32_t)map->mapping);
-    float dim = (float)((double)source->compensation * source->integral / whole);
-    int y, side;
-
+    for (i = 0; i < 2 && folds; i++)
+        source->side[i][y] = luminance[i ? map->image_width - 1 : 0];
+    if (y + 1 < map->image_height)
+        return ENVSAMP_OK;
     source->bad_pixel_count = 0;
+    dim = (float)((double)source->compensation * source->integral / whole_sr);
     if (!(source->compensation > 0.0f && (double)source->brightest > 1.0001 * (double)dim)) {
         source->compensation = 0.0f;
-        return;
+        return ENVSAMP_OK;
     }
     source->dim = dim;
-    for (side = 0; side < 2; side++)
-        for (y = 0; y < map->image_height && source->bilinear
-                    && map->mapping == ENVSAMP_OCTAHEDRAL; y++) {
-            float *texel = &source->side[side][y];
+    for (i = 0; i < 2 * map->image_height && folds; i++) {
+        float *texel = &source->side[i % 2][i / 2];
 
-            *texel = *texel > source->dim ? *texel - source->dim : 0.0f;
-        }
+        *texel = *texel > dim ? *texel - dim : 0.0f;
+    }
+    return ENVSAMP_OK;
 }
 
 /* ---- sums over cells ---- */
@@ -2566,31 +2489,23 @@ static envsamp__cell envsamp__merge_cells(const envsamp__map *map, const envsamp
     return cell;
 }
 
-/* Sum of a row of luminance, in lanes, so that one addition need not wait for the last. */
-static double envsamp__row_sum(const float *luminance, int width)
-{
-    double sum[4] = { 0.0, 0.0, 0.0, 0.0 };
-    int x, i;
-
-    for (x = 0; x + 4 <= width; x += 4)
-        for (i = 0; i < 4; i++)
-            sum[i] += (double)luminance[x + i];
-    for (; x < width; x++)
-        sum[0] += (double)luminance[x];
-    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
-}
-
 /* Reads a row of texels, and makes the cells of level 1 that are complete with it. */
 static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *source, int y)
 {
     float *line = map->knots + (size_t)(y + map->bilinear) * map->stride;
-    envsamp_result result = envsamp__source_row(source, y, line + map->bilinear);
-    int last = y + 1 == map->image_height, rows = last ? map->height : y + 1, cell_y = y / 4;
+    float *texel = line + map->bilinear;
+    envsamp_result result = envsamp__source_row(source, y, texel);
+    int last = y + 1 == map->image_height, rows = last ? map->height : y + 1, cell_y = y / 4, x, i;
+    double sum[4] = { 0.0 };            /* so that one addition need not wait for the last */
 
     if (result != ENVSAMP_OK)
         return result;
-    map->integral += envsamp__row_sum(line + map->bilinear, map->image_width)
-                   * envsamp__texel_sr(map, y);
+    for (x = 0; x + 4 <= map->image_width; x += 4)
+        for (i = 0; i < 4; i++)
+            sum[i] += (double)texel[x + i];
+    for (; x < map->image_width; x++)
+        sum[0] += (double)texel[x];
+    map->integral += ((sum[0] + sum[1]) + (sum[2] + sum[3])) * envsamp__texel_sr(map, y);
     if (map->bilinear) {
         envsamp__end_line(source, y, line);
         if (y == 0)
@@ -2609,13 +2524,16 @@ static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *sourc
 static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, int bilinear,
                                uint64_t lines, envsamp__arena *arena)
 {
+    double offset = bilinear ? 0.5 : 0.0;
     int k = 0;
 
     map->mapping = image->mapping;
     map->image_width = image->width;
     map->image_height = image->height;
     map->bilinear = bilinear;
-    map->offset = bilinear ? 0.5 : 0.0;
+    map->bounds.x0 = map->bounds.y0 = offset;
+    map->bounds.x1 = (double)image->width + offset;
+    map->bounds.y1 = (double)image->height + offset;
     map->width = image->width + bilinear;
     map->height = image->height + bilinear;
     map->stride = (size_t)(map->width + bilinear);
@@ -2628,7 +2546,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
         level->shift = k ? k + 1 : 0;
         level->width = (map->width + (1 << level->shift) - 1) >> level->shift;
         level->height = (map->height + (1 << level->shift) - 1) >> level->shift;
-        level->row_sr = ENVSAMP__TAKE(double, arena, level->height);
+        level->row_sr = k ? ENVSAMP__TAKE(double, arena, level->height) : NULL;
         level->cells = k ? ENVSAMP__TAKE(envsamp__cell, arena, (uint64_t)level->width
                                                                * (uint64_t)level->height) : NULL;
         map->level_count = k + 1;
@@ -2713,10 +2631,10 @@ typedef struct envsamp__block {
     double column_sr;                   /* solid angle of a column one cell wide */
     envsamp__moments whole, low, high;  /* of the block; of the two parts of its best split */
     double at;                          /* best split: the column or row of cells */
-    int axis;                           /* and 0 if at a column, 1 at a row; -1 none */
-    int depth;                          /* cuts above it, those of the crown not counted */
     uint32_t slot;                      /* where the tree refers to the block */
-    int rough;                          /* whether these are approximate */
+    unsigned short depth;               /* cuts above it, those of the crown not counted: WARP */
+    signed char axis;                   /* of the best split: 0 at a column, 1 at a row; -1 none */
+    unsigned char rough;                /* whether the moments are approximate */
 } envsamp__block;
 
 /* An inner node: cuts at column (axis 0) or row (axis 1) `at`. A child is a node's index, or
@@ -2762,63 +2680,38 @@ static double envsamp__cell_size(const envsamp__map *map, int k)
     return k < 0 ? 1.0 / (double)(1 << -k) : (double)(1 << map->levels[k].shift);
 }
 
-/* The cells of level k that a rectangle touches. */
-static envsamp__window envsamp__touched(const envsamp__map *map, int k, const envsamp__rect *rect)
+/* The cells of level k that a rectangle touches, or only those that lie `within` it. */
+static envsamp__window envsamp__touched(const envsamp__map *map, int k, const envsamp__rect *rect,
+                                        int within)
 {
     double size = envsamp__cell_size(map, k), scale = 1.0 / size;
     envsamp__window w = { (int)(rect->x0 * scale), (int)(rect->y0 * scale),
                           (int)(rect->x1 * scale), (int)(rect->y1 * scale) };
 
-    w.x1 += (double)w.x1 * size < rect->x1;
-    w.y1 += (double)w.y1 * size < rect->y1;
+    if (within) {
+        w.x0 += (double)w.x0 * size < rect->x0 && rect->x0 > map->bounds.x0;
+        w.y0 += (double)w.y0 * size < rect->y0 && rect->y0 > map->bounds.y0;
+    }
+    if (!within || rect->x1 >= map->bounds.x1)
+        w.x1 += (double)w.x1 * size < rect->x1;
+    if (!within || rect->y1 >= map->bounds.y1)
+        w.y1 += (double)w.y1 * size < rect->y1;
     return w;
-}
-
-/* Those that lie in it. */
-static envsamp__window envsamp__contained(const envsamp__map *map, int k,
-                                          const envsamp__rect *rect)
-{
-    envsamp__window w = envsamp__touched(map, k, rect);
-    envsamp__rect all = envsamp__whole_map(map);
-    int shift = map->levels[k].shift;
-
-    w.x0 += (double)(w.x0 << shift) < rect->x0 && rect->x0 > all.x0;
-    w.y0 += (double)(w.y0 << shift) < rect->y0 && rect->y0 > all.y0;
-    w.x1 -= (double)(w.x1 << shift) > rect->x1 && rect->x1 < all.x1;
-    w.y1 -= (double)(w.y1 << shift) > rect->y1 && rect->y1 < all.y1;
-    return w;
-}
-
-/* A part of row y as if solid angle were even within it, unless it is near a pole: blocks that such
-   parts make are rough. */
-static envsamp__row_part envsamp__part_within(const envsamp__map *map, int y, double y0, double y1)
-{
-    double edge = envsamp__y_edge(map, y), high = envsamp__y_edge(map, y + 1) - edge;
-    envsamp__row_part part = map->rows[y];
-
-    if (part.at < 0.49 || part.at > 0.51)
-        return envsamp__part_of_row(map, y, y0, y1);
-    part.top = (y0 - edge) / high;
-    part.end = (y1 - edge) / high;
-    part.sr *= part.end - part.top;
-    part.at = 0.5 * (part.top + part.end);
-    part.spread = (part.end - part.top) * (part.end - part.top) / 12.0;
-    return part;
 }
 
 /* The part of row y of level k that lies in a rectangle; above level 0 only its solid angle. */
 static envsamp__row_part envsamp__level_row(const envsamp__map *map, int k, int y,
                                             const envsamp__rect *rect)
 {
-    double size = envsamp__cell_size(map, k), top, end;
+    double size = envsamp__cell_size(map, k);
+    double top = envsamp__max((double)y * size, rect->y0);
+    double end = envsamp__min_double((double)(y + 1) * size, rect->y1);
     envsamp__row_part part = { 0.0, 0.0, 0.0, 0.0, 1.0 };
 
-    if (k == 0)
-        return envsamp__row_within(map, y, rect);
-    top = envsamp__max((double)y * size, rect->y0);
-    end = envsamp__min_double((double)(y + 1) * size, rect->y1);
-    if (k < 0)
-        return envsamp__part_within(map, y >> -k, top, end);
+    if (k == 0 && top <= envsamp__y_edge(map, y) && end >= envsamp__y_edge(map, y + 1))
+        return map->rows[y];
+    if (k <= 0)
+        return envsamp__part_of_row(map, y >> -k, top, end, k < 0);
     part.sr = end - top < size ? envsamp__rows_sr(map, top, end) : map->levels[k].row_sr[y];
     return part;
 }
@@ -2871,36 +2764,27 @@ static inline void envsamp__add_run(const envsamp__map *map, const envsamp__run 
         double m[4], v[4];
         float top[4];
 
-        for (x = 0; x < 4; x++)
+        for (x = 0; x < 4; x++) {
             m[x] = (double)(run->mean[i + x] * keep[i + x]);
-        for (x = 0; x < 4; x++)
             v[x] = unit * (m[x] * m[x] + (double)(run->variance[i + x] * keep[i + x]));
-        for (x = 0; x < 4; x++)
             m[x] *= scaled;
-        for (x = 0; x < 4; x++)
-            top[x] = run->peak[i + x] * keep[i + x];
-        for (x = 0; x < 4; x++)
             sum[x] += m[x];
-        for (x = 0; x < 4; x++)
             square[x] += v[x];
-        for (x = 0; x < 4; x++)
+        }
+        for (x = 0; x < 4; x++) {
+            top[x] = run->peak[i + x] * keep[i + x];
             high[x] = top[x] > high[x] ? top[x] : high[x];
+        }
         if (columns) {
             double *s = columns->sum + bin + i, *q = columns->square + bin + i;
             float *p = columns->peak + bin + i;
 
             for (x = 0; x < 4; x++)
-                m[x] += s[x];
+                s[x] += m[x];
             for (x = 0; x < 4; x++)
-                s[x] = m[x];
+                q[x] += v[x];
             for (x = 0; x < 4; x++)
-                v[x] += q[x];
-            for (x = 0; x < 4; x++)
-                q[x] = v[x];
-            for (x = 0; x < 4; x++)
-                top[x] = p[x] > top[x] ? p[x] : top[x];
-            for (x = 0; x < 4; x++)
-                p[x] = top[x];
+                p[x] = top[x] > p[x] ? top[x] : p[x];
         }
     }
     part.sum = (sum[0] + sum[1]) + (sum[2] + sum[3]);
@@ -3047,32 +2931,33 @@ static void envsamp__add_cells(const envsamp__map *map, int k, const envsamp__wi
    level 0. */
 static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const envsamp__rect *rect)
 {
-    envsamp__window done = { 0, 0, 0, 0 }, w, part;     /* done: in cells of level 0 */
+    envsamp__window done = { 0, 0, 0, 0 };      /* in cells of level 0 */
     envsamp__sums sums = { NULL, NULL, 0, 0, { 0.0, 0.0, 0.0f } };
-    int k;
+    int k, i;
 
     for (k = map->level_count - 1; k >= 0; k--) {
         int shift = map->levels[k].shift;
+        envsamp__window w = envsamp__touched(map, k, rect, k > 0), in = w;
 
-        w = k ? envsamp__contained(map, k, rect) : envsamp__touched(map, 0, rect);
         if (w.x0 >= w.x1 || w.y0 >= w.y1)
             continue;
-        part = w;
-        if (done.x0 < done.x1) {        /* above, left and right of what is done, then below */
-            part.y1 = done.y0 >> shift;
-            envsamp__add_cells(map, k, &part, rect, &sums);
-            part.y0 = part.y1;
-            part.y1 = envsamp__min(done.y1 >> shift, w.y1);
-            part.x1 = done.x0 >> shift;
-            envsamp__add_cells(map, k, &part, rect, &sums);
-            part.x0 = envsamp__min(done.x1 >> shift, w.x1);
-            part.x1 = w.x1;
-            envsamp__add_cells(map, k, &part, rect, &sums);
-            part.x0 = w.x0;
-            part.y0 = part.y1;
-            part.y1 = w.y1;
+        in.x1 = w.x0;                   /* what is done of it: nothing, or */
+        in.y1 = w.y0;
+        if (done.x0 < done.x1) {
+            in.x0 = done.x0 >> shift;
+            in.y0 = done.y0 >> shift;
+            in.x1 = envsamp__min(done.x1 >> shift, w.x1);
+            in.y1 = envsamp__min(done.y1 >> shift, w.y1);
         }
-        envsamp__add_cells(map, k, &part, rect, &sums);
+        for (i = 0; i < 4; i++) {       /* above, left and right of it, and below */
+            const envsamp__window rest = {
+                i == 2 ? in.x1 : w.x0, i == 0 ? w.y0 : i < 3 ? in.y0 : in.y1,
+                i == 1 ? in.x0 : w.x1, i == 0 ? in.y0 : i < 3 ? in.y1 : w.y1
+            };
+
+            if (rest.x0 < rest.x1 && rest.y0 < rest.y1)
+                envsamp__add_cells(map, k, &rest, rect, &sums);
+        }
         done.x0 = w.x0 << shift;
         done.y0 = w.y0 << shift;
         done.x1 = w.x1 << shift;
@@ -3115,8 +3000,8 @@ static int envsamp__profile_rect(const envsamp__map *map, int k, const envsamp__
                                  const envsamp__moments *least, envsamp__profile *columns,
                                  envsamp__profile *rows)
 {
-    const envsamp__window w = envsamp__touched(map, k, rect);
-    const envsamp__window inner = k > 0 ? envsamp__contained(map, k, rect) : w;
+    const envsamp__window w = envsamp__touched(map, k, rect, 0);
+    const envsamp__window inner = k > 0 ? envsamp__touched(map, k, rect, 1) : w;
     envsamp__sums sums = { columns, rows, w.x0, w.y0, { 0.0, 0.0, 0.0f } };
     double size = envsamp__cell_size(map, k);
     int rough = 0, x, y;
@@ -3170,14 +3055,6 @@ static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int 
 
 /* ---- searching splits ---- */
 
-/* Sum of squared errors about the mean, weighted by solid angle [1, equation 2]. */
-static double envsamp__sse(double sr, const envsamp__moments *m)
-{
-    double sse = m->square - m->sum * m->sum / sr;
-
-    return sse > ENVSAMP__FLAT * m->square ? sse : 0.0;
-}
-
 static double envsamp__range(const envsamp__map *map, const envsamp__block *b)
 {
     int x0 = (int)b->rect.x0, y0 = (int)b->rect.y0, x, y;
@@ -3192,21 +3069,21 @@ static double envsamp__range(const envsamp__map *map, const envsamp__block *b)
     return (double)b->whole.peak - (double)low;
 }
 
-/* How much a block wants to be split before its best split is known. For EXCESS a bound: no
-   split gains more than what the block's own variance costs. */
+/* The priority of a block whose split was not yet searched. For EXCESS a bound: no split gains more
+   than what the block's own variance costs. */
 static double envsamp__priority(const envsamp__tree *tree, const envsamp__block *b)
 {
-    double sr = envsamp__block_sr(b), q;
+    double sr = envsamp__block_sr(b), q = envsamp__q(sr, b->whole.square);
+    double sse = b->whole.square - b->whole.sum * b->whole.sum / sr;
 
+    sse = sse > ENVSAMP__FLAT * b->whole.square ? sse : 0.0;
     if (b->depth >= tree->depth_limit)
         return 0.0;
     switch (tree->criterion) {
-    case ENVSAMP_KD_SSE: return envsamp__sse(sr, &b->whole);
-    case ENVSAMP_KD_VARIANCE: return envsamp__sse(sr, &b->whole) / sr;
+    case ENVSAMP_KD_SSE: return sse;    /* [1, equation 2], weighted by solid angle */
+    case ENVSAMP_KD_VARIANCE: return sse / sr;
     case ENVSAMP_KD_RANGE: return envsamp__range(tree->map, b);
-    default:
-        q = envsamp__q(sr, b->whole.square);
-        return q - b->whole.sum > ENVSAMP__FLAT * q ? q - b->whole.sum : 0.0;
+    default: return q - b->whole.sum > ENVSAMP__FLAT * q ? q - b->whole.sum : 0.0;
     }
 }
 
@@ -3214,12 +3091,12 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
 static int envsamp__split_level(const envsamp__tree *tree, const envsamp__rect *rect)
 {
     const envsamp__map *map = tree->map;
-    envsamp__window fine = envsamp__touched(map, 0, rect), w, inner;
+    envsamp__window fine = envsamp__touched(map, 0, rect, 0), w, inner;
     int width = fine.x1 - fine.x0, height = fine.y1 - fine.y0;
     int k = (int64_t)width * height > ENVSAMP__SPLIT_CELLS ? 1 : -tree->fine_bits;
 
     for (;; k++) {
-        w = envsamp__touched(map, k, rect);
+        w = envsamp__touched(map, k, rect, 0);
         if (k + 1 == map->level_count
             || (int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__SPLIT_CELLS)
             break;
@@ -3227,7 +3104,7 @@ static int envsamp__split_level(const envsamp__tree *tree, const envsamp__rect *
     if (k <= 0 || envsamp__max_int(width, height) > ENVSAMP__SPLIT_CELLS
         || (int64_t)width * height > ENVSAMP__CUT_CELLS)
         return k;
-    inner = envsamp__contained(map, k, rect);
+    inner = envsamp__touched(map, k, rect, 1);
     return ENVSAMP_MEMCMP(&inner, &w, sizeof w) ? 0 : k;
 }
 
@@ -3236,7 +3113,7 @@ static void envsamp__prefetch(const envsamp__tree *tree, const envsamp__rect *re
 {
     const envsamp__map *map = tree->map;
     int k = envsamp__split_level(tree, rect);
-    envsamp__window w = envsamp__touched(map, k > 0 ? k : 0, rect);
+    envsamp__window w = envsamp__touched(map, k > 0 ? k : 0, rect, 0);
     size_t size = k > 0 ? sizeof(envsamp__cell) : sizeof(float), at;
     size_t stride = k > 0 ? (size_t)map->levels[k].width : map->stride;
     const char *row = (k > 0 ? (const char *)map->levels[k].cells : (const char *)map->knots)
@@ -3289,16 +3166,16 @@ static void envsamp__try_cuts(const envsamp__profile *p, int count, double cross
     }
 }
 
-/* Finds the block's best split and the moments of both parts, and returns what it gains. Where
-   no cut gains anything yet the block is not flat (a checkerboard), cuts it in the middle of its
-   longer side, so that its parts may. */
-static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
+/* Finds the block's best split and the moments of both parts. Returns its priority from then on, 0
+   where nothing can be cut. Where no cut gains anything yet the block is not flat (a checkerboard),
+   cuts it in the middle of its longer side, so that its parts may. */
+static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
 {
     const envsamp__map *map = tree->map;
     int k = envsamp__split_level(tree, &b->rect), excess = tree->criterion == ENVSAMP_KD_EXCESS;
-    envsamp__window w = envsamp__touched(map, k, &b->rect);
+    envsamp__window w = envsamp__touched(map, k, &b->rect, 0);
     int width = w.x1 - w.x0, height = w.y1 - w.y0;
-    double columns = b->rect.x1 - b->rect.x0, sr = envsamp__block_sr(b), gain;
+    double columns = b->rect.x1 - b->rect.x0, sr = envsamp__block_sr(b), gain, bound;
     double sum = b->whole.sum, square = envsamp__max(b->whole.square, sum * sum / sr);
     envsamp__moments least = { ENVSAMP__UNIFORM_SHARE * sum, ENVSAMP__UNIFORM_SHARE * square,
                                0.0f };
@@ -3306,43 +3183,32 @@ static double envsamp__find_split(envsamp__tree *tree, envsamp__block *b)
     envsamp__moments whole;
     const envsamp__profile *profile;
 
-    b->rough = envsamp__profile_rect(map, k, &b->rect, &least, tree->columns, tree->rows) || k < 0;
+    b->rough = k < 0;
+    b->rough |= (unsigned char)envsamp__profile_rect(map, k, &b->rect, &least, tree->columns,
+                                                     tree->rows);
     whole = envsamp__profile_moments(tree->rows, 0, height);
     envsamp__try_cuts(tree->columns, width, b->column_sr, sr, &whole, excess, 0, &search);
     envsamp__try_cuts(tree->rows, height, columns, sr, &whole, excess, 1, &search);
     b->whole = whole;
-    b->axis = search.axis;
+    b->axis = (signed char)search.axis;
     if (search.axis < 0)
         return 0.0;
     gain = excess ? envsamp__q(sr, whole.square) - ENVSAMP_SQRT(-search.best)
                   : search.best - whole.sum * whole.sum / sr;
     if (gain <= ENVSAMP__FLAT * (excess ? whole.sum : search.best)) {
         gain = 0.0;
-        b->axis = search.axis = width < height;
+        search.axis = width < height;
+        b->axis = (signed char)search.axis;
         search.at = (search.axis ? height : width) / 2;
     }
     profile = search.axis ? tree->rows : tree->columns;
     b->low = envsamp__profile_moments(profile, 0, search.at);
     b->high = envsamp__profile_moments(profile, search.at, search.axis ? height : width);
     b->at = (double)((search.axis ? w.y0 : w.x0) + search.at) * envsamp__cell_size(map, k);
-    if (k < 0) {
-        b->at = envsamp__storable(map, b->at, b->axis);
-        if (!envsamp__parts_edges(map, b->axis ? b->rect.y0 : b->rect.x0, b->at,
-                                  b->axis ? b->rect.y1 : b->rect.x1, b->axis))
-            b->axis = -1;
-    }
-    return gain;
-}
-
-/* Searches a block's split. Returns its priority from then on, 0 where nothing can be cut. */
-static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
-{
-    double gain = envsamp__find_split(tree, b), bound = envsamp__priority(tree, b);
-
-    if (b->axis < 0)
-        return 0.0;
-    return tree->criterion == ENVSAMP_KD_EXCESS
-         ? envsamp__max(gain, ENVSAMP__GAIN_FLOOR * bound) : bound;
+    if (k < 0 && !envsamp__store_cut(map, &b->rect, b->axis, &b->at))
+        b->axis = -1;
+    bound = envsamp__priority(tree, b);
+    return b->axis < 0 ? 0.0 : excess ? envsamp__max(gain, ENVSAMP__GAIN_FLOOR * bound) : bound;
 }
 
 /* Replaces a block by the two parts of its best split: the low part takes its place. */
@@ -3422,24 +3288,6 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
 #define ENVSAMP__MEDIAN_SHARE (1.0 / 512)  /* of a part's light: what a cut cell of uniform light
                                                may hold */
 
-/* The level at which the cut of a part of the map is narrowed down next: of at most
-   ENVSAMP__MEDIAN_CELLS cells, and more than one along the axis, unless it is 0. */
-static int envsamp__median_level(const envsamp__map *map, const envsamp__rect *rect, int axis)
-{
-    int k, bins;
-
-    for (k = 0; k + 1 < map->level_count; k++) {
-        envsamp__window w = envsamp__touched(map, k, rect), v = envsamp__touched(map, k + 1, rect);
-
-        bins = axis ? w.y1 - w.y0 : w.x1 - w.x0;
-        if (bins <= ENVSAMP__SPLIT_CELLS
-            && ((int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__MEDIAN_CELLS
-                || (axis ? v.y1 - v.y0 : v.x1 - v.x0) == 1))
-            break;
-    }
-    return k;
-}
-
 /* Where in a part of the map, which lies within a row or column of cells of level 0, its light has
    come to a share: at a root of the parabola through the light of its halves, exact along u, then
    by a step of Newton's. */
@@ -3466,7 +3314,8 @@ static double envsamp__median_in_cell(const envsamp__map *map, const envsamp__re
 }
 
 /* Where the light of a rectangle left of, or above, a place is half of the whole: narrowed down to
-   a column or row of cells, level by level. */
+   a column or row of cells, at levels of at most ENVSAMP__MEDIAN_CELLS cells and more than one
+   along the axis, down to level 0. */
 static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, int axis,
                               double light)
 {
@@ -3478,58 +3327,34 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
     int k;
 
     do {
+        envsamp__window w, next = envsamp__touched(map, 0, &r, 0);
         double size, from, wanted;
-        envsamp__window w;
-        int bins, i = 0;
+        int bins, first, i;
 
-        k = envsamp__median_level(map, &r, axis);
-        w = envsamp__touched(map, k, &r);
-        bins = axis ? w.y1 - w.y0 : w.x1 - w.x0;
+        for (k = 0;; k++) {
+            w = next;
+            first = axis ? w.y0 : w.x0;
+            bins = (axis ? w.y1 : w.x1) - first;
+            if (k + 1 == map->level_count)
+                break;
+            next = envsamp__touched(map, k + 1, &r, 0);
+            if (bins <= ENVSAMP__SPLIT_CELLS
+                && ((int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__MEDIAN_CELLS
+                    || (axis ? next.y1 - next.y0 : next.x1 - next.x0) == 1))
+                break;
+        }
         size = envsamp__cell_size(map, k);
         envsamp__profile_rect(map, k, &r, &least, axis ? NULL : profile, axis ? profile : NULL);
         wanted = share * envsamp__profile_moments(profile, 0, bins).sum;
-        for (; i + 1 < bins && profile->sum[i] < wanted; i++)
+        for (i = 0; i + 1 < bins && profile->sum[i] < wanted; i++)
             wanted -= profile->sum[i];
-        from = (double)((axis ? w.y0 : w.x0) + i) * size;
+        from = (double)(first + i) * size;
         light = profile->sum[i];
         share = light > 0.0 ? envsamp__clamp(wanted / light, 0.0, 1.0) : 0.5;
         *high = envsamp__min_double(from + size, *high);
         *low = envsamp__max(from, *low);
     } while (k > 0);
     return envsamp__median_in_cell(map, &r, axis, light, share);
-}
-
-/* Halves the light of a block of the crown; its halves are blocks 2 number + 1 and 2 number + 2.
-   Fails where floats are too coarse for a cut between the edges. */
-static int envsamp__halve(envsamp__tree *tree, int number, int axis, double light)
-{
-    const envsamp__map *map = tree->map;
-    envsamp__cut *cut = &tree->cuts[number];
-    envsamp__rect low = tree->blocks[number].rect, high = low;
-    double at = envsamp__storable(map, envsamp__median(tree, &low, axis, light), axis);
-
-    cut->axis = axis;
-    cut->at = at;
-    if (!envsamp__parts_edges(map, axis ? low.y0 : low.x0, at, axis ? low.y1 : low.x1, axis))
-        return 0;
-    if (axis == 0)
-        low.x1 = high.x0 = at;
-    else
-        low.y1 = high.y0 = at;
-    tree->blocks[2 * number + 1].rect = low;
-    tree->blocks[2 * number + 2].rect = high;
-    return 1;
-}
-
-/* The block of the crown that is halved after block `number`, depth first, so that a part of the
-   map stays in the cache; -1 after the last. */
-static int envsamp__crown_next(int number, int bits)
-{
-    if (2 * number + 1 < (1 << bits) - 1)
-        return 2 * number + 1;
-    while (number > 0 && number % 2 == 0)
-        number = (number - 1) / 2;
-    return number > 0 ? number + 1 : -1;
 }
 
 /* Makes the blocks that the crown ends in the first blocks of the tree, which has room for all of
@@ -3584,33 +3409,46 @@ static int envsamp__most_tile_bits(int block_limit)
 static void envsamp__crown_begin(envsamp__tree *tree, int bits)
 {
     tree->tile_bits = 0;
-    tree->blocks[0].rect = envsamp__whole_map(tree->map);
+    tree->blocks[0].rect = tree->map->bounds;
     envsamp__crown_end(tree);
     if (bits > 0) {
-        envsamp__find_split(tree, &tree->blocks[0]);
+        envsamp__search_block(tree, &tree->blocks[0]);
         tree->tile_bits = envsamp__priority(tree, &tree->blocks[0]) > 0.0 ? bits : 0;
     }
     tree->crown_at = tree->tile_bits > 0 ? 0 : -1;
 }
 
-/* Halves one more block of the crown; where floats are too coarse, begins a smaller crown. Returns
-   0 when it is done. */
+/* Halves the light of one more block of the crown, depth first, for the cache: the halves of
+   block i are blocks 2 i + 1 and 2 i + 2. Where floats are too coarse for a cut between the edges,
+   begins a smaller crown. Returns 0 when it is done. */
 static int envsamp__crown_step(envsamp__tree *tree)
 {
-    int level = 0, axis;
+    int level = 0, i = tree->crown_at;
+    envsamp__rect low, high;
+    envsamp__cut *cut = &tree->cuts[i < 0 ? 0 : i];
 
-    if (tree->crown_at < 0)
+    if (i < 0)
         return 0;
-    while ((2 << level) - 1 <= tree->crown_at)
+    while ((2 << level) - 1 <= i)
         level++;
-    axis = envsamp__crown_columns(tree, level) == envsamp__crown_columns(tree, level + 1);
-    if (envsamp__halve(tree, tree->crown_at, axis,
-                       tree->map->integral / (double)(1 << level))) {
-        tree->crown_at = envsamp__crown_next(tree->crown_at, tree->tile_bits);
-    } else {
+    low = high = tree->blocks[i].rect;
+    cut->axis = envsamp__crown_columns(tree, level) == envsamp__crown_columns(tree, level + 1);
+    cut->at = envsamp__median(tree, &low, cut->axis, tree->map->integral / (double)(1 << level));
+    if (!envsamp__store_cut(tree->map, &low, cut->axis, &cut->at)) {
         tree->tile_bits -= tree->alternate;
         tree->alternate = 1;
         tree->crown_at = tree->tile_bits > 0 ? 0 : -1;
+    } else {
+        *(cut->axis ? &low.y1 : &low.x1) = *(cut->axis ? &high.y0 : &high.x0) = cut->at;
+        tree->blocks[2 * i + 1].rect = low;
+        tree->blocks[2 * i + 2].rect = high;
+        if (level + 1 < tree->tile_bits) {
+            tree->crown_at = 2 * i + 1;
+        } else {
+            while (i > 0 && i % 2 == 0)
+                i = (i - 1) / 2;
+            tree->crown_at = i > 0 ? i + 1 : -1;
+        }
     }
     if (tree->crown_at < 0)
         envsamp__crown_end(tree);
@@ -4417,10 +4255,7 @@ static int envsamp__job_item(envsamp__job *job, int item)
     switch (job->phase) {
     case ENVSAMP__SURVEY:
         job->result = envsamp__survey_row(&job->source, &job->map, item, job->map.knots);
-        if (item + 1 < job->map.image_height)
-            return 1;
-        envsamp__survey_end(&job->source, &job->map);
-        return 0;
+        return item + 1 < job->map.image_height;
     case ENVSAMP__CHECKSUM:
         ENVSAMP_MEMCPY(&head, job->table, sizeof head);
         more = envsamp__check_add(job->table, ENVSAMP__SUMMED, &job->sums, &head.checksum);
@@ -4581,10 +4416,10 @@ static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
         const envsamp__block *b = &job->tree.blocks[number];
         double probability = job->probability[number], pdf = 0.0;
 
-        record->edges.x0 = envsamp__edge_x(map, b->rect.x0);
-        record->edges.x1 = envsamp__edge_x(map, b->rect.x1);
-        record->edges.y0 = envsamp__edge_y(map, b->rect.y0);
-        record->edges.y1 = envsamp__edge_y(map, b->rect.y1);
+        record->edges.x0 = envsamp__stored_edge(map, b->rect.x0, 0);
+        record->edges.x1 = envsamp__stored_edge(map, b->rect.x1, 0);
+        record->edges.y0 = envsamp__stored_edge(map, b->rect.y0, 1);
+        record->edges.y1 = envsamp__stored_edge(map, b->rect.y1, 1);
         if (probability > 0.0)          /* of a steep fit next to 0, but lit */
             pdf = envsamp__max(probability / envsamp__edges_sr(kd->mapping, &record->edges),
                                (double)FLT_MIN);
@@ -5877,7 +5712,7 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     envsamp__cdf_share(job->mass, cdf->height, total, lit, edges, cdf->row_bits,
                        ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
     for (y = 0; y <= cdf->height; y++) {
-        float edge = envsamp__edge_y(map, envsamp__y_edge(map, (int)y));
+        float edge = envsamp__stored_edge(map, envsamp__y_edge(map, (int)y), 1);
 
         rows[y].north = envsamp__edge_pair(edge).north;
         rows[y].south = envsamp__edge_pair(edge).south;
