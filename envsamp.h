@@ -6064,13 +6064,16 @@ ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *cdf, float u0,
                                                              float u1)
 {
-    uint32_t across = envsamp__draw(u0), down = envsamp__draw(u1);
+    uint32_t down = envsamp__draw(u1), row, across;
     envsamp__cdf_place at;
+    float pdf;
 
     ENVSAMP_ASSERT(cdf);
-    at = envsamp__cdf_place_of(cdf, envsamp__cdf_find_row(cdf, down), across);
-    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, at, across, down),
-                                 envsamp__cdf_density(cdf, at));
+    row = envsamp__cdf_find_row(cdf, down);
+    across = envsamp__draw(u0);         /* in this order clang makes no branches of the choices */
+    at = envsamp__cdf_place_of(cdf, row, across);
+    pdf = envsamp__cdf_density(cdf, at);
+    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, at, across, down), pdf);
 }
 
 /* ---- density ---- */
