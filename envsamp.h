@@ -2085,18 +2085,6 @@ ENVSAMP__HOT envsamp__l1_coords envsamp__to_l1_coords(float x, float y, float z,
     return d;
 }
 
-ENVSAMP__HOT envsamp__l1_coords envsamp__octahedral_grid(float x, float y, float z, float r)
-{
-    envsamp__l1_coords d;
-
-    d.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), r + ENVSAMP_FABSF(z));
-    envsamp__octahedral_uv(d.valid ? x + 0.0f : 0.0f, d.valid ? y + 0.0f : 0.0f, d.valid ? z : 1.0f,
-                           d.valid ? r : 0.0f, &d.azimuth, &d.polar);
-    d.azimuth *= 4.0f;
-    d.polar *= 2.0f;
-    return d;
-}
-
 /* Where a map ends in these coordinates. */
 ENVSAMP__HOT float envsamp__polar_end(uint32_t mapping)
 {
@@ -2109,48 +2097,45 @@ ENVSAMP__HOT envsamp__l1_coords envsamp__dir_to_grid(uint32_t mapping, float x, 
 {
     envsamp__l1_coords d;
 
-    if (mapping == ENVSAMP_OCTAHEDRAL)
-        return envsamp__octahedral_grid(x, y, z, r);
-    d = envsamp__to_l1_coords(x, y, z, r);
-    if (mapping == ENVSAMP_HEMISPHERE)
-        d.valid &= d.polar <= envsamp__polar_end(mapping);
+    if (mapping != ENVSAMP_OCTAHEDRAL) {
+        d = envsamp__to_l1_coords(x, y, z, r);
+        if (mapping == ENVSAMP_HEMISPHERE)
+            d.valid &= d.polar <= envsamp__polar_end(mapping);
+        return d;
+    }
+    d.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), r + ENVSAMP_FABSF(z));
+    envsamp__octahedral_uv(d.valid ? x + 0.0f : 0.0f, d.valid ? y + 0.0f : 0.0f, d.valid ? z : 1.0f,
+                           d.valid ? r : 0.0f, &d.azimuth, &d.polar);
+    d.azimuth *= 4.0f;
+    d.polar *= 2.0f;
     return d;
 }
 
 /* ---- directions in double ---- */
 
-/* Azimuth of (x, y) in turns, [0, 1], within 1e-12: a float and one step of Newton's. It stays on
-   its side of the seam: 1 just below it. */
-ENVSAMP__MATH double envsamp__exact_turn(double y, double x)
-{
-    double turn = (double)envsamp__turn((float)y, (float)x), sine, cosine;
-    double length = ENVSAMP_SQRT(x * x + y * y);
-
-    if (!(length > 0.0))
-        return 0.0;
-    envsamp__sincos_pi(2.0 * turn, &sine, &cosine);
-    turn += (y * cosine - x * sine) / (length * 2.0 * ENVSAMP__PI);
-    turn = turn > 0.0 ? turn : 0.0;
-    return turn < 1.0 ? turn : 1.0;
-}
-
-/* A direction as edges are stored, in double: u, and the polar angle by its nearer pole. */
+/* A direction as edges are stored, in double: u, within 1e-12 and 1 just below the seam, and the
+   polar angle by its nearer pole. */
 typedef struct envsamp__exact { double x, cap; int south; } envsamp__exact;
 
 ENVSAMP__MATH envsamp__exact envsamp__dir_exact(uint32_t mapping, const float dir[3])
 {
-    double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2];
-    double length = ENVSAMP_SQRT(x * x + y * y + z * z), r, b;
+    int octahedral = mapping == ENVSAMP_OCTAHEDRAL;
+    double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2], side = x * x + y * y;
+    double length = ENVSAMP_SQRT(side + z * z), r, b, turn, sine, cosine;
+    double turn_x = octahedral ? ENVSAMP__FABS(x) : x, turn_y = octahedral ? ENVSAMP__FABS(y) : y;
     envsamp__exact e;
 
-    e.cap = (x * x + y * y) / (length * (length + ENVSAMP__FABS(z)));
+    e.cap = side / (length * (length + ENVSAMP__FABS(z)));
     e.south = z < 0.0;
-    if (mapping != ENVSAMP_OCTAHEDRAL) {
-        e.x = envsamp__exact_turn(y, x);
+    turn = (double)envsamp__turn((float)turn_y, (float)turn_x);
+    envsamp__sincos_pi(2.0 * turn, &sine, &cosine);     /* a float and one step of Newton's */
+    if (side > 0.0)
+        turn += (turn_y * cosine - turn_x * sine) / (ENVSAMP_SQRT(side) * 2.0 * ENVSAMP__PI);
+    e.x = side > 0.0 ? envsamp__clamp(turn, 0.0, 1.0) : 0.0;
+    if (!octahedral)
         return e;
-    }
     r = ENVSAMP_SQRT(e.cap);           /* |2 u - 1| + |2 v - 1| above the equator */
-    b = 4.0 * envsamp__exact_turn(ENVSAMP__FABS(y), ENVSAMP__FABS(x)) * r;
+    b = 4.0 * e.x * r;
     e.x = e.south ? 1.0 - b : r - b;
     e.cap = e.south ? 1.0 - (r - b) : b;
     e.x = 0.5 * (x < 0.0 ? 1.0 - e.x : 1.0 + e.x);
@@ -2364,19 +2349,12 @@ static void envsamp__strip_peaks(envsamp__map *map, const float *line, int lines
     float highest = 0.0f;
     int i, x;
 
-    for (i = 0; i < count; i += 4)
-        for (x = i; x < i + 4; x++)
-            peak[x] = line[x];
+    ENVSAMP_MEMCPY(peak, line, (size_t)((count + 3) & ~3) * sizeof(float));
     for (; lines > 1; lines--) {
         line += map->stride;
-        for (i = 0; i < count; i += 4) {
-            float high[4];
-
-            for (x = 0; x < 4; x++)
-                high[x] = peak[i + x] > line[i + x] ? peak[i + x] : line[i + x];
-            for (x = 0; x < 4; x++)
-                peak[i + x] = high[x];
-        }
+        for (i = 0; i < count; i += 4)
+            for (x = i; x < i + 4; x++)
+                peak[x] = peak[x] > line[x] ? peak[x] : line[x];
     }
     for (x = 0; x < count; x++)
         highest = peak[x] > highest ? peak[x] : highest;
@@ -3035,26 +3013,15 @@ static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int 
 
 /* ---- searching splits ---- */
 
-static double envsamp__range(const envsamp__map *map, const envsamp__block *b)
-{
-    int x0 = (int)b->rect.x0, y0 = (int)b->rect.y0, x, y;
-    float low = b->whole.peak;
-
-    for (y = y0; (double)(y - map->bilinear) < b->rect.y1; y++) {
-        const float *knot = envsamp__line(map, y);
-
-        for (x = x0; (double)(x - map->bilinear) < b->rect.x1; x++)
-            low = knot[x] < low ? knot[x] : low;
-    }
-    return (double)b->whole.peak - (double)low;
-}
-
 /* The priority of a block whose split was not yet searched. For EXCESS a bound: no split gains more
    than what the block's own variance costs. */
 static double envsamp__priority(const envsamp__tree *tree, const envsamp__block *b)
 {
     double sr = envsamp__block_sr(b), q = envsamp__q(sr, b->whole.square);
     double sse = b->whole.square - b->whole.sum * b->whole.sum / sr;
+    const envsamp__map *map = tree->map;
+    float low = b->whole.peak;
+    int x, y;
 
     sse = sse > ENVSAMP__FLAT * b->whole.square ? sse : 0.0;
     if (b->depth >= tree->depth_limit)
@@ -3062,7 +3029,11 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
     switch (tree->criterion) {
     case ENVSAMP_KD_SSE: return sse;    /* [1, equation 2], weighted by solid angle */
     case ENVSAMP_KD_VARIANCE: return sse / sr;
-    case ENVSAMP_KD_RANGE: return envsamp__range(tree->map, b);
+    case ENVSAMP_KD_RANGE:
+        for (y = (int)b->rect.y0; (double)(y - map->bilinear) < b->rect.y1; y++)
+            for (x = (int)b->rect.x0; (double)(x - map->bilinear) < b->rect.x1; x++)
+                low = envsamp__line(map, y)[x] < low ? envsamp__line(map, y)[x] : low;
+        return (double)b->whole.peak - (double)low;
     default: return q - b->whole.sum > ENVSAMP__FLAT * q ? q - b->whole.sum : 0.0;
     }
 }
@@ -3191,41 +3162,15 @@ static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
     return b->axis < 0 ? 0.0 : excess ? envsamp__max(gain, ENVSAMP__GAIN_FLOOR * bound) : bound;
 }
 
-/* Replaces a block by the two parts of its best split: the low part takes its place. */
-static void envsamp__split(envsamp__tree *tree, uint32_t number)
-{
-    envsamp__block *b = &tree->blocks[number], *high = &tree->blocks[tree->block_count];
-    uint32_t cut = (uint32_t)tree->block_count - 1;
-
-    b->depth++;
-    *high = *b;
-    high->whole = b->high;
-    b->whole = b->low;
-    if (b->axis == 0) {
-        b->rect.x1 = high->rect.x0 = b->at;
-    } else {
-        b->rect.y1 = high->rect.y0 = b->at;
-        b->column_sr = envsamp__rows_sr(tree->map, b->rect.y0, b->rect.y1);
-        high->column_sr = envsamp__rows_sr(tree->map, high->rect.y0, high->rect.y1);
-    }
-    tree->cuts[cut].axis = b->axis;
-    tree->cuts[cut].at = b->at;
-    tree->cuts[cut].child[0] = ENVSAMP__LEAF | number;
-    tree->cuts[cut].child[1] = ENVSAMP__LEAF | (uint32_t)tree->block_count;
-    if (b->slot != ENVSAMP__LEAF)
-        tree->cuts[b->slot >> 1].child[b->slot & 1] = cut;
-    b->slot = cut * 2;
-    high->slot = cut * 2 + 1;
-    tree->block_count++;
-}
-
 /* One step of the splitting: searches the split of the block at the top of the heap, or makes it.
    The heap holds every block once; one whose split was not yet searched has a bound as its
    priority. Returns 0 when `wanted` blocks stand or all are flat. */
 static int envsamp__split_step(envsamp__tree *tree, int wanted)
 {
     envsamp__heap_entry *top = &tree->heap.entries[0];
-    envsamp__block *block = &tree->blocks[top->item];
+    uint32_t number = (uint32_t)tree->block_count;
+    envsamp__block *b = &tree->blocks[top->item], *high = &tree->blocks[number];
+    envsamp__cut *cut = &tree->cuts[number - 1];
 
     if (tree->block_count >= wanted || !(top->key > 0.0))
         return 0;
@@ -3237,18 +3182,35 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
             next = next == top || top[i].key > next->key ? &top[i] : next;
         if (!next->searched)
             envsamp__prefetch(tree, &tree->blocks[next->item].rect);
-        top->key = envsamp__search_block(tree, block);
+        top->key = envsamp__search_block(tree, b);
         top->searched = 1;
         envsamp__heap_settle(&tree->heap);
-    } else {
-        uint32_t high = (uint32_t)tree->block_count;
-
-        envsamp__split(tree, top->item);
-        top->key = envsamp__priority(tree, block);
-        top->searched = 0;
-        envsamp__heap_settle(&tree->heap);
-        envsamp__heap_push(&tree->heap, envsamp__priority(tree, &tree->blocks[high]), high, 0);
+        return 1;
     }
+    cut->axis = b->axis;                /* the low part takes the place of the block */
+    cut->at = b->at;
+    cut->child[0] = ENVSAMP__LEAF | top->item;
+    cut->child[1] = ENVSAMP__LEAF | number;
+    if (b->slot != ENVSAMP__LEAF)
+        tree->cuts[b->slot >> 1].child[b->slot & 1] = number - 1;
+    b->slot = (number - 1) * 2;
+    b->depth++;
+    *high = *b;
+    high->slot++;
+    high->whole = b->high;
+    b->whole = b->low;
+    if (b->axis == 0) {
+        b->rect.x1 = high->rect.x0 = b->at;
+    } else {
+        b->rect.y1 = high->rect.y0 = b->at;
+        b->column_sr = envsamp__rows_sr(tree->map, b->rect.y0, b->rect.y1);
+        high->column_sr = envsamp__rows_sr(tree->map, high->rect.y0, high->rect.y1);
+    }
+    top->key = envsamp__priority(tree, b);
+    top->searched = 0;
+    envsamp__heap_settle(&tree->heap);
+    envsamp__heap_push(&tree->heap, envsamp__priority(tree, high), number, 0);
+    tree->block_count++;
     return 1;
 }
 
@@ -5233,7 +5195,8 @@ static void envsamp__pdf_batch(const envsamp_kd *kd, const float *x, const float
         r[i] = x[i] * x[i] + y[i] * y[i];
     envsamp__sqrt_n(r, ENVSAMP__BATCH);
     for (i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++) {
-        envsamp__l1_coords d = envsamp__octahedral_grid(x[i], y[i], z[i], r[i]);
+        envsamp__l1_coords d = envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, x[i], y[i], z[i],
+                                                   r[i]);
 
         place[i] = envsamp__coord_bits(d);
         link[i] = envsamp__grid_link(kd, d);
