@@ -1269,8 +1269,7 @@ typedef struct envsamp__table {
     uint64_t bytes;
 } envsamp__table;
 
-/* Four sums, each of every fourth 64-bit word: their multiplications overlap. A multiplication
-   spreads low bits to high ones, a shift brings these back. */
+/* Four sums, each of every fourth 64-bit word, so that their multiplications overlap. */
 #define ENVSAMP__SPREAD ((uint64_t)0x9e3779b97f4a7c15)
 
 typedef struct envsamp__check { uint64_t lane[4], at; } envsamp__check;
@@ -1386,8 +1385,7 @@ static envsamp_result envsamp__begin_sizes(const envsamp_image *image, envsamp_s
 }
 
 /* Where the texel (x, y) lies, if it is one beyond an edge: -1 <= x <= width, -1 <= y <= height.
-   An edge of the octahedral square is folded at its middle: what lies beyond it is found again on
-   this side, as far from the middle on the other half of the same edge. */
+   Beyond an edge of the octahedral square is the other half of the same edge, mirrored. */
 static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, int *x, int *y)
 {
     int in_x = *x < 0 ? 0 : envsamp__min(*x, width - 1), past_x = in_x != *x;
@@ -1588,9 +1586,8 @@ static envsamp_result envsamp__source_row(envsamp__source *source, int y, float 
     return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
-/* The first and last knot of the line through row y, whose other knots are its texels, at line[1]
-   and on. They lie on the seam, or, on an octahedral map, between a texel and that of the mirrored
-   row. */
+/* The first and last knot of the line through row y, whose texels are at line[1] and on. They lie
+   on the seam, or, on an octahedral map, between a texel and that of the mirrored row. */
 static void envsamp__end_line(const envsamp__source *source, int y, float *line)
 {
     int width = source->image.width, mirrored = source->image.height - 1 - y;
@@ -2167,13 +2164,12 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
  *      1 1/2 +--o---------o---------o--+         the pole or the fold of the octahedron. So
  *          2 +--+---------+---------+--+         radiance is bilinear in every cell.
  *
- * Cell (x, y) lies where x <= x_texel + offset <= x + 1, with an offset of 0 or 1/2; all places
- * below are in these units, and the map begins at the offset.
+ * Cell (x, y) lies where x <= x_texel + offset <= x + 1, with an offset of 0 or 1/2: the units of
+ * all rectangles and edges below.
  *
  * Level 0 of the pyramid is the cells, level 1 has 4x4 of them, each further level cells twice as
- * wide. A cell holds mean, root mean square and maximum, so every sum over a block adds positive
- * numbers: nothing cancels, whatever sun stands beside the block, which differences of
- * summed-area tables cannot promise. Floats hold a cell, doubles every sum over cells.
+ * wide. Each holds mean, root mean square and maximum in floats. Every sum over a block adds
+ * positive numbers, in double: nothing cancels, unlike in differences of summed-area tables.
  * ========================================================================================== */
 
 /* Begins to read: makes row edges, rows, and solid angles of the rows of every level. Returns
@@ -2280,12 +2276,11 @@ static inline float envsamp__knot_peak(float a, float c, float top, float end)
 /* Makes `count` cells, without maxima unless `peaks` is nonzero. Knots above and below the row
    stand at `a` and `c`; of a map that is not bilinear a[x] is cell x. Floats, so that four are
    worked on at once, and some cells too many, up to a multiple of four. */
-static inline void envsamp__cells(const envsamp__map *map, const float *a, const float *c,
-                                  const envsamp__row_part *part, int count, int peaks,
-                                  envsamp__run *run)
+static void envsamp__cells(const envsamp__map *map, const float *a, const float *c,
+                           const envsamp__row_part *part, int count, int peaks, envsamp__run *run)
 {
     float scale = map->scale, at = (float)part->at, spread = (float)part->spread;
-    float top = (float)part->top, end = (float)part->end, left[4], right[4];
+    float top = (float)part->top, end = (float)part->end, mean[4], variance[4], peak[4];
     int b = map->bilinear, i, x;
 
     for (i = 0; i < count && !b; i += 4)
@@ -2296,19 +2291,18 @@ static inline void envsamp__cells(const envsamp__map *map, const float *a, const
     for (i = 0; i < count && b; i += 4) {
         for (x = 0; x < 4; x++)
             envsamp__cell_mean(scale * a[i + x], scale * a[i + x + 1], scale * c[i + x],
-                               scale * c[i + x + 1], at, spread, &left[x], &right[x]);
-        for (x = 0; x < 4; x++)
-            run->mean[i + x] = left[x];
-        for (x = 0; x < 4; x++)
-            run->variance[i + x] = right[x];
+                               scale * c[i + x + 1], at, spread, &mean[x], &variance[x]);
+        ENVSAMP_MEMCPY(run->mean + i, mean, sizeof mean);
+        ENVSAMP_MEMCPY(run->variance + i, variance, sizeof variance);
     }
     for (i = 0; i < count && peaks; i += 4) {
-        for (x = 0; x < 4; x++)
-            left[x] = envsamp__knot_peak(a[i + x], c[i + x], top, end);
-        for (x = 0; x < 4; x++)
-            right[x] = envsamp__knot_peak(a[i + x + b], c[i + x + b], top, end);
-        for (x = 0; x < 4; x++)
-            run->peak[i + x] = left[x] > right[x] ? left[x] : right[x];
+        for (x = 0; x < 4; x++) {
+            float left = envsamp__knot_peak(a[i + x], c[i + x], top, end);
+            float right = envsamp__knot_peak(a[i + x + b], c[i + x + b], top, end);
+
+            peak[x] = left > right ? left : right;
+        }
+        ENVSAMP_MEMCPY(run->peak + i, peak, sizeof peak);
     }
 }
 
@@ -2528,26 +2522,23 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
  *                     searches the splits of the two parts when they come to the top of the heap
  *     moments         sums blocks again whose sums were approximate
  *
- * A split is searched in sums by column and by row, read at one level: the finest at which the
- * block has at most ENVSAMP__SPLIT_CELLS cells. In a bilinear map there are levels below 0, whose
- * cells are fractions of those of level 0: lamps of a few texels need blocks within cells. A cell
- * of a coarse level that an edge of the block cuts is read at finer levels if it holds much of the
- * block's light, otherwise its light is taken for uniform.
+ * A split is searched in sums by column and by row, read at the finest level at which the block has
+ * at most ENVSAMP__SPLIT_CELLS cells. In a bilinear map that may be below 0, of fractions of cells:
+ * lamps of a few texels need blocks within cells. A cell of a coarse level that the block cuts is
+ * read at finer levels if it is uneven, else its light is taken for uniform.
  * ========================================================================================== */
 
 #define ENVSAMP__CUT_CELLS 512      /* so many are read at level 0 where coarser cells are cut */
 #define ENVSAMP__FLAT 1e-12         /* relative: below it a block is flat */
-#define ENVSAMP__GAIN_FLOOR 0.15    /* of its bound: what the priority of a searched block does not
-                                       fall below, since two cuts may gain what one cannot */
-#define ENVSAMP__UNIFORM_SHARE (1.0 / 8)    /* of a block's light or squares: what a cut cell of
-                                               uniform light may hold while splits are searched */
+#define ENVSAMP__GAIN_FLOOR 0.15    /* of its bound: least priority of a searched block, since two
+                                       cuts may gain what one cannot */
+#define ENVSAMP__UNIFORM_SHARE (1.0 / 8)   /* of light or squares: error a cut cell may make */
 #define ENVSAMP__WARP_DEPTH 32      /* cuts below a tile, one inside the other */
 #define ENVSAMP__FINE_BITS 6        /* bilinear: the finest cells are 2^-6 of those of level 0 */
 
 /* ---- a heap ---- */
 
-/* The entry of the largest key comes first. Each has four children, which share a cache line or
-   two. */
+/* The entry of the largest key comes first. Each has four children. */
 typedef struct envsamp__heap_entry { double key; uint32_t item; int searched; }
     envsamp__heap_entry;
 typedef struct envsamp__heap { envsamp__heap_entry *entries; int count; } envsamp__heap;
@@ -2674,8 +2665,7 @@ static envsamp__row_part envsamp__level_row(const envsamp__map *map, int k, int 
     return part;
 }
 
-/* What sums are added to. The first columns and rows of the bins are x0 and y0; either may be
-   NULL. */
+/* What sums are added to. Either profile may be NULL; they begin at column x0 and row y0. */
 typedef struct envsamp__sums {
     envsamp__profile *columns, *rows;
     int x0, y0;
@@ -2924,9 +2914,8 @@ static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const env
     return sums.total;
 }
 
-/* The part in a rectangle of a cell of level k > 0 that its edges cut: as much of the cell as of
-   its solid angle, which is rough unless it is even, or exactly where that may be wrong by more
-   than `least`. */
+/* Moments of what of a cell of level k > 0 lies in a rectangle: in proportion to solid angle, which
+   is rough unless the cell is even, or exactly where that may be wrong by more than `least`. */
 static envsamp__moments envsamp__cell_part(const envsamp__map *map, int k, int x, int y,
                                            double row_sr, const envsamp__rect *rect,
                                            const envsamp__moments *least, int *rough)
@@ -3220,19 +3209,17 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
  * WARP's tree begins with tile_bits levels of cuts that halve the light, within a few percent,
  * across azimuth and polar angle in turns, but a long map first shorter, through texels where need
  * be. The 2^tile_bits tiles that they make are drawn equally often, their images in the unit square
- * are the cells of a regular grid, and the leading bits of u0 and u1 name the tile: no search, no
- * grid of links. Each tile is then split like a map of its own. bench/experiments.md has other
- * crowns.
+ * form a regular grid, and the leading bits of u0 and u1 name the tile. Each is then split like a
+ * map of its own. bench/experiments.md has other crowns.
  * ========================================================================================== */
 
 #define ENVSAMP__BLOCKS_PER_TILE 3      /* 2 at least: the crown has as many cuts as tiles */
 #define ENVSAMP__MEDIAN_CELLS 512       /* read at once for a median */
-#define ENVSAMP__MEDIAN_SHARE (1.0 / 512)  /* of a part's light: what a cut cell of uniform light
-                                               may hold */
+#define ENVSAMP__MEDIAN_SHARE (1.0 / 512)   /* of the light: error a cut cell may make */
 
-/* Where in a part of the map, which lies within a row or column of cells of level 0, its light has
-   come to a share: at a root of the parabola through the light of its halves, exact along u, then
-   by a step of Newton's. */
+/* Where the light of a rectangle within a row or column of cells of level 0 has come to a share: at
+   a root of the parabola through the light of its halves, exact along u, then by a step of
+   Newton's. */
 static double envsamp__median_in_cell(const envsamp__map *map, const envsamp__rect *rect, int axis,
                                       double light, double share)
 {
