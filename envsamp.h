@@ -2757,23 +2757,22 @@ static envsamp__moments envsamp__cut_cell(const envsamp__map *map, const float *
 {
     float top = (float)part->top, end = (float)part->end, a[2], c[2], mean, variance, peak[2];
     double sr = part->sr * column->width * map->unit, wide;
+    int b = map->bilinear, i;
     envsamp__moments m;
-    int i;
 
     for (i = 0; i < 2; i++) {
         const float *above = upper + column->knot[i], *below = lower + column->knot[i];
 
-        a[i] = above[0] + column->share[i] * (above[map->bilinear] - above[0]);
-        c[i] = below[0] + column->share[i] * (below[map->bilinear] - below[0]);
+        a[i] = above[0] + column->share[i] * (above[b] - above[0]);
+        c[i] = below[0] + column->share[i] * (below[b] - below[0]);
         peak[i] = envsamp__knot_peak(a[i], c[i], top, end);
     }
-    envsamp__cell_mean(map->scale * a[0], map->scale * a[map->bilinear], map->scale * c[0],
-                       map->scale * c[map->bilinear], (float)part->at, (float)part->spread, &mean,
-                       &variance);
+    envsamp__cell_mean(map->scale * a[0], map->scale * a[b], map->scale * c[0], map->scale * c[b],
+                       (float)part->at, (float)part->spread, &mean, &variance);
     wide = (double)mean;
     m.sum = sr * wide;
     m.square = sr * map->unit * (wide * wide + (double)variance);
-    m.peak = peak[0] > peak[map->bilinear] ? peak[0] : peak[map->bilinear];
+    m.peak = peak[0] > peak[b] ? peak[0] : peak[b];
     return m;
 }
 
@@ -2788,10 +2787,9 @@ static int envsamp__cut_columns(const envsamp__map *map, int k, const envsamp__w
     for (i = 0; i < ((width + 3) & ~3); i++)
         keep[i] = i < width ? 1.0f : 0.0f;
     for (i = 0; i < width; i += k < 0 || width == 1 ? 1 : width - 1) {
-        double edge[2];
+        const double edge[2] = { envsamp__max((double)(w->x0 + i) * size, rect->x0),
+                                 envsamp__min_double((double)(w->x0 + i + 1) * size, rect->x1) };
 
-        edge[0] = envsamp__max((double)(w->x0 + i) * size, rect->x0);
-        edge[1] = envsamp__min_double((double)(w->x0 + i + 1) * size, rect->x1);
         if (edge[1] - edge[0] >= 1.0)
             continue;
         keep[i] = 0.0f;
@@ -2858,15 +2856,14 @@ static void envsamp__add_cells(const envsamp__map *map, int k, const envsamp__wi
     for (y = w->y0; y < w->y1 && k > 0; y++) {
         const envsamp__cell *cell = level->cells + (size_t)y * (size_t)level->width;
         double row_sr = envsamp__level_row(map, k, y, rect).sr;
-        envsamp__moments row = { 0.0, 0.0, 0.0f }, m;
+        envsamp__moments row = { 0.0, 0.0, 0.0f };
 
         for (x = w->x0; x < w->x1; x++) {
+            double mean = (double)cell[x].mean, rms = (double)cell[x].rms;
             double sr = row_sr * (x > 0 && x + 1 < level->width
                                   ? size : envsamp__columns(map, level, x));
+            const envsamp__moments m = { sr * mean, sr * (rms * rms), cell[x].peak };
 
-            m.sum = sr * (double)cell[x].mean;
-            m.square = sr * ((double)cell[x].rms * (double)cell[x].rms);
-            m.peak = cell[x].peak;
             envsamp__add_to(&row, &m);
             if (sums->columns)
                 envsamp__add_to_bin(sums->columns, x - sums->x0, &m);
