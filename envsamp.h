@@ -1742,14 +1742,11 @@ typedef struct envsamp__map {
     double unit;
 } envsamp__map;
 
-/* Where cells begin and end: those of the border are half as wide. */
-static inline double envsamp__x_edge(const envsamp__map *map, int x)
+/* Where cells begin and end, along axis 0 or 1: those of the border are half as wide. */
+static inline double envsamp__cell_edge(const envsamp__map *map, int i, int axis)
 {
-    return envsamp__clamp((double)x, map->bounds.x0, map->bounds.x1);
-}
-static inline double envsamp__y_edge(const envsamp__map *map, int y)
-{
-    return envsamp__clamp((double)y, map->bounds.y0, map->bounds.y1);
+    return axis ? envsamp__clamp((double)i, map->bounds.y0, map->bounds.y1)
+                : envsamp__clamp((double)i, map->bounds.x0, map->bounds.x1);
 }
 
 /* Polar angle by the nearer pole, as 1 - cos theta or, `south`, 1 + cos theta: each is exact at its
@@ -1764,7 +1761,7 @@ static envsamp__polar envsamp__polar_at(const envsamp__map *map, double y)
 
     p.south = map->mapping == ENVSAMP_LATLONG && down > 0.5 * height;
     p.cap = map->cap[row];
-    if (p.cap >= 0.0 && envsamp__y_edge(map, row) == y)
+    if (p.cap >= 0.0 && envsamp__cell_edge(map, row, 1) == y)
         return p;
     p.cap = p.south ? 1.0 - down / height : down / height;
     if (map->mapping != ENVSAMP_OCTAHEDRAL) {
@@ -1806,7 +1803,7 @@ static double envsamp__rows_sr(const envsamp__map *map, double y0, double y1)
 static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, double y0, double y1,
                                               int rough)
 {
-    double edge = envsamp__y_edge(map, y), high = envsamp__y_edge(map, y + 1) - edge;
+    double edge = envsamp__cell_edge(map, y, 1), high = envsamp__cell_edge(map, y + 1, 1) - edge;
     double half = 0.5 * (y1 - y0) / high, shift = 0.0, second = 1.0 / 3.0;
     envsamp__row_part part;
 
@@ -2185,17 +2182,17 @@ static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, env
     ENVSAMP_MEMSET(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
     for (y = 0; y <= map->height; y++) {
         map->cap[y] = -1.0;
-        map->cap[y] = envsamp__polar_at(map, envsamp__y_edge(map, y)).cap;
+        map->cap[y] = envsamp__polar_at(map, envsamp__cell_edge(map, y, 1)).cap;
     }
     for (y = 0; y < map->height; y++)
-        map->rows[y] = envsamp__part_of_row(map, y, envsamp__y_edge(map, y),
-                                            envsamp__y_edge(map, y + 1), 0);
+        map->rows[y] = envsamp__part_of_row(map, y, envsamp__cell_edge(map, y, 1),
+                                            envsamp__cell_edge(map, y + 1, 1), 0);
     for (k = 1; k < map->level_count; k++)
         for (y = 0; y < map->levels[k].height; y++) {
-            int shift = map->levels[k].shift;
+            double top = envsamp__cell_edge(map, y << map->levels[k].shift, 1);
+            double end = envsamp__cell_edge(map, (y + 1) << map->levels[k].shift, 1);
 
-            map->levels[k].row_sr[y] = envsamp__rows_sr(map, envsamp__y_edge(map, y << shift),
-                                                        envsamp__y_edge(map, (y + 1) << shift));
+            map->levels[k].row_sr[y] = envsamp__rows_sr(map, top, end);
         }
     return source->compensation > 0.0f
         || (source->bilinear && source->image.mapping == ENVSAMP_OCTAHEDRAL);
@@ -2321,8 +2318,8 @@ typedef struct envsamp__profile {
 /* How many cells of level 0 wide column x of a level is: less at the border. */
 static inline double envsamp__columns(const envsamp__map *map, const envsamp__level *level, int x)
 {
-    return envsamp__x_edge(map, (x + 1) << level->shift)
-         - envsamp__x_edge(map, x << level->shift);
+    return envsamp__cell_edge(map, (x + 1) << level->shift, 0)
+         - envsamp__cell_edge(map, x << level->shift, 0);
 }
 
 /* Sets the scale of floats that are squared: from `peak`, the maximum of what is read, about 2^60,
@@ -2657,7 +2654,7 @@ static envsamp__row_part envsamp__level_row(const envsamp__map *map, int k, int 
     double end = envsamp__min_double((double)(y + 1) * size, rect->y1);
     envsamp__row_part part = { 0.0, 0.0, 0.0, 0.0, 1.0 };
 
-    if (k == 0 && top <= envsamp__y_edge(map, y) && end >= envsamp__y_edge(map, y + 1))
+    if (k == 0 && top <= envsamp__cell_edge(map, y, 1) && end >= envsamp__cell_edge(map, y + 1, 1))
         return map->rows[y];
     if (k <= 0)
         return envsamp__part_of_row(map, y >> -k, top, end, k < 0);
@@ -2797,7 +2794,8 @@ static int envsamp__cut_columns(const envsamp__map *map, int k, const envsamp__w
         cut[count].width = edge[1] - edge[0];
         for (side = 0; side < 2; side++) {
             int knot = (int)edge[side];
-            double from = envsamp__x_edge(map, knot), gap = envsamp__x_edge(map, knot + 1) - from;
+            double from = envsamp__cell_edge(map, knot, 0);
+            double gap = envsamp__cell_edge(map, knot + 1, 0) - from;
 
             cut[count].knot[side] = knot;
             cut[count].share[side] = (float)(gap < 1.0 && gap > 0.0 ? (edge[side] - from) / gap
@@ -5701,7 +5699,7 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     envsamp__cdf_share(job->mass, cdf->height, total, lit, edges, cdf->row_bits,
                        ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
     for (y = 0; y <= height; y++) {
-        float cap = envsamp__stored_edge(map, envsamp__y_edge(map, y), 1);
+        float cap = envsamp__stored_edge(map, envsamp__cell_edge(map, y, 1), 1);
         envsamp__polar_pair edge = envsamp__edge_pair(cap);
 
         rows[y].north = edge.north;
