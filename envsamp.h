@@ -1281,8 +1281,7 @@ typedef struct envsamp__table {
     uint64_t bytes;
 } envsamp__table;
 
-/* Four sums, each of every fourth 64-bit word: their multiplications overlap. A multiplication
-   spreads low bits to high ones, a shift brings these back. */
+/* Four sums, each of every fourth 64-bit word, so that their multiplications overlap. */
 #define ENVSAMP__SPREAD ((uint64_t)0x9e3779b97f4a7c15)
 
 typedef struct envsamp__check { uint64_t lane[4], at; } envsamp__check;
@@ -1398,8 +1397,7 @@ static envsamp_result envsamp__begin_sizes(const envsamp_image *image, envsamp_s
 }
 
 /* Where the texel (x, y) lies, if it is one beyond an edge: -1 <= x <= width, -1 <= y <= height.
-   An edge of the octahedral square is folded at its middle: what lies beyond it is found again on
-   this side, as far from the middle on the other half of the same edge. */
+   Beyond an edge of the octahedral square is the other half of the same edge, mirrored. */
 static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, int *x, int *y)
 {
     int in_x = *x < 0 ? 0 : envsamp__min(*x, width - 1), past_x = in_x != *x;
@@ -1600,9 +1598,8 @@ static envsamp_result envsamp__source_row(envsamp__source *source, int y, float 
     return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
-/* The first and last knot of the line through row y, whose other knots are its texels, at line[1]
-   and on. They lie on the seam, or, on an octahedral map, between a texel and that of the mirrored
-   row. */
+/* The first and last knot of the line through row y, whose texels are at line[1] and on. They lie
+   on the seam, or, on an octahedral map, between a texel and that of the mirrored row. */
 static void envsamp__end_line(const envsamp__source *source, int y, float *line)
 {
     int width = source->image.width, mirrored = source->image.height - 1 - y;
@@ -1757,14 +1754,11 @@ typedef struct envsamp__map {
     double unit;
 } envsamp__map;
 
-/* Where cells begin and end: those of the border are half as wide. */
-static inline double envsamp__x_edge(const envsamp__map *map, int x)
+/* Where cells begin and end, along axis 0 or 1: those of the border are half as wide. */
+static inline double envsamp__cell_edge(const envsamp__map *map, int i, int axis)
 {
-    return envsamp__clamp((double)x, map->bounds.x0, map->bounds.x1);
-}
-static inline double envsamp__y_edge(const envsamp__map *map, int y)
-{
-    return envsamp__clamp((double)y, map->bounds.y0, map->bounds.y1);
+    return axis ? envsamp__clamp((double)i, map->bounds.y0, map->bounds.y1)
+                : envsamp__clamp((double)i, map->bounds.x0, map->bounds.x1);
 }
 
 /* Polar angle by the nearer pole, as 1 - cos theta or, `south`, 1 + cos theta: each is exact at its
@@ -1779,7 +1773,7 @@ static envsamp__polar envsamp__polar_at(const envsamp__map *map, double y)
 
     p.south = map->mapping == ENVSAMP_LATLONG && down > 0.5 * height;
     p.cap = map->cap[row];
-    if (p.cap >= 0.0 && envsamp__y_edge(map, row) == y)
+    if (p.cap >= 0.0 && envsamp__cell_edge(map, row, 1) == y)
         return p;
     p.cap = p.south ? 1.0 - down / height : down / height;
     if (map->mapping != ENVSAMP_OCTAHEDRAL) {
@@ -1821,7 +1815,7 @@ static double envsamp__rows_sr(const envsamp__map *map, double y0, double y1)
 static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, double y0, double y1,
                                               int rough)
 {
-    double edge = envsamp__y_edge(map, y), high = envsamp__y_edge(map, y + 1) - edge;
+    double edge = envsamp__cell_edge(map, y, 1), high = envsamp__cell_edge(map, y + 1, 1) - edge;
     double half = 0.5 * (y1 - y0) / high, shift = 0.0, second = 1.0 / 3.0;
     envsamp__row_part part;
 
@@ -2097,18 +2091,6 @@ ENVSAMP__HOT envsamp__l1_coords envsamp__to_l1_coords(float x, float y, float z,
     return d;
 }
 
-ENVSAMP__HOT envsamp__l1_coords envsamp__octahedral_grid(float x, float y, float z, float r)
-{
-    envsamp__l1_coords d;
-
-    d.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), r + ENVSAMP_FABSF(z));
-    envsamp__octahedral_uv(d.valid ? x + 0.0f : 0.0f, d.valid ? y + 0.0f : 0.0f, d.valid ? z : 1.0f,
-                           d.valid ? r : 0.0f, &d.azimuth, &d.polar);
-    d.azimuth *= 4.0f;
-    d.polar *= 2.0f;
-    return d;
-}
-
 /* Where a map ends in these coordinates. */
 ENVSAMP__HOT float envsamp__polar_end(uint32_t mapping)
 {
@@ -2121,48 +2103,45 @@ ENVSAMP__HOT envsamp__l1_coords envsamp__dir_to_grid(uint32_t mapping, float x, 
 {
     envsamp__l1_coords d;
 
-    if (mapping == ENVSAMP_OCTAHEDRAL)
-        return envsamp__octahedral_grid(x, y, z, r);
-    d = envsamp__to_l1_coords(x, y, z, r);
-    if (mapping == ENVSAMP_HEMISPHERE)
-        d.valid &= d.polar <= envsamp__polar_end(mapping);
+    if (mapping != ENVSAMP_OCTAHEDRAL) {
+        d = envsamp__to_l1_coords(x, y, z, r);
+        if (mapping == ENVSAMP_HEMISPHERE)
+            d.valid &= d.polar <= envsamp__polar_end(mapping);
+        return d;
+    }
+    d.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), r + ENVSAMP_FABSF(z));
+    envsamp__octahedral_uv(d.valid ? x + 0.0f : 0.0f, d.valid ? y + 0.0f : 0.0f, d.valid ? z : 1.0f,
+                           d.valid ? r : 0.0f, &d.azimuth, &d.polar);
+    d.azimuth *= 4.0f;
+    d.polar *= 2.0f;
     return d;
 }
 
 /* ---- directions in double ---- */
 
-/* Azimuth of (x, y) in turns, [0, 1], within 1e-12: a float and one step of Newton's. It stays on
-   its side of the seam: 1 just below it. */
-ENVSAMP__MATH double envsamp__exact_turn(double y, double x)
-{
-    double turn = (double)envsamp__turn((float)y, (float)x), sine, cosine;
-    double length = ENVSAMP_SQRT(x * x + y * y);
-
-    if (!(length > 0.0))
-        return 0.0;
-    envsamp__sincos_pi(2.0 * turn, &sine, &cosine);
-    turn += (y * cosine - x * sine) / (length * 2.0 * ENVSAMP__PI);
-    turn = turn > 0.0 ? turn : 0.0;
-    return turn < 1.0 ? turn : 1.0;
-}
-
-/* A direction as edges are stored, in double: u, and the polar angle by its nearer pole. */
+/* A direction as edges are stored, in double: u, within 1e-12 and 1 just below the seam, and the
+   polar angle by its nearer pole. */
 typedef struct envsamp__exact { double x, cap; int south; } envsamp__exact;
 
 ENVSAMP__MATH envsamp__exact envsamp__dir_exact(uint32_t mapping, const float dir[3])
 {
-    double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2];
-    double length = ENVSAMP_SQRT(x * x + y * y + z * z), r, b;
+    int octahedral = mapping == ENVSAMP_OCTAHEDRAL;
+    double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2], side = x * x + y * y;
+    double length = ENVSAMP_SQRT(side + z * z), r, b, turn, sine, cosine;
+    double turn_x = octahedral ? ENVSAMP__FABS(x) : x, turn_y = octahedral ? ENVSAMP__FABS(y) : y;
     envsamp__exact e;
 
-    e.cap = (x * x + y * y) / (length * (length + ENVSAMP__FABS(z)));
+    e.cap = side / (length * (length + ENVSAMP__FABS(z)));
     e.south = z < 0.0;
-    if (mapping != ENVSAMP_OCTAHEDRAL) {
-        e.x = envsamp__exact_turn(y, x);
+    turn = (double)envsamp__turn((float)turn_y, (float)turn_x);
+    envsamp__sincos_pi(2.0 * turn, &sine, &cosine);     /* a float and one step of Newton's */
+    if (side > 0.0)
+        turn += (turn_y * cosine - turn_x * sine) / (ENVSAMP_SQRT(side) * 2.0 * ENVSAMP__PI);
+    e.x = side > 0.0 ? envsamp__clamp(turn, 0.0, 1.0) : 0.0;
+    if (!octahedral)
         return e;
-    }
     r = ENVSAMP_SQRT(e.cap);           /* |2 u - 1| + |2 v - 1| above the equator */
-    b = 4.0 * envsamp__exact_turn(ENVSAMP__FABS(y), ENVSAMP__FABS(x)) * r;
+    b = 4.0 * e.x * r;
     e.x = e.south ? 1.0 - b : r - b;
     e.cap = e.south ? 1.0 - (r - b) : b;
     e.x = 0.5 * (x < 0.0 ? 1.0 - e.x : 1.0 + e.x);
@@ -2194,13 +2173,12 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
  *      1 1/2 +--o---------o---------o--+         the pole or the fold of the octahedron. So
  *          2 +--+---------+---------+--+         radiance is bilinear in every cell.
  *
- * Cell (x, y) lies where x <= x_texel + offset <= x + 1, with an offset of 0 or 1/2; all places
- * below are in these units, and the map begins at the offset.
+ * Cell (x, y) lies where x <= x_texel + offset <= x + 1, with an offset of 0 or 1/2: the units of
+ * all rectangles and edges below.
  *
  * Level 0 of the pyramid is the cells, level 1 has 4x4 of them, each further level cells twice as
- * wide. A cell holds mean, root mean square and maximum, so every sum over a block adds positive
- * numbers: nothing cancels, whatever sun stands beside the block, which differences of
- * summed-area tables cannot promise. Floats hold a cell, doubles every sum over cells.
+ * wide. Each holds mean, root mean square and maximum in floats. Every sum over a block adds
+ * positive numbers, in double: nothing cancels, unlike in differences of summed-area tables.
  * ========================================================================================== */
 
 /* Begins to read: makes row edges, rows, and solid angles of the rows of every level. Returns
@@ -2216,17 +2194,17 @@ static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, env
     ENVSAMP_MEMSET(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
     for (y = 0; y <= map->height; y++) {
         map->cap[y] = -1.0;
-        map->cap[y] = envsamp__polar_at(map, envsamp__y_edge(map, y)).cap;
+        map->cap[y] = envsamp__polar_at(map, envsamp__cell_edge(map, y, 1)).cap;
     }
     for (y = 0; y < map->height; y++)
-        map->rows[y] = envsamp__part_of_row(map, y, envsamp__y_edge(map, y),
-                                            envsamp__y_edge(map, y + 1), 0);
+        map->rows[y] = envsamp__part_of_row(map, y, envsamp__cell_edge(map, y, 1),
+                                            envsamp__cell_edge(map, y + 1, 1), 0);
     for (k = 1; k < map->level_count; k++)
         for (y = 0; y < map->levels[k].height; y++) {
-            int shift = map->levels[k].shift;
+            double top = envsamp__cell_edge(map, y << map->levels[k].shift, 1);
+            double end = envsamp__cell_edge(map, (y + 1) << map->levels[k].shift, 1);
 
-            map->levels[k].row_sr[y] = envsamp__rows_sr(map, envsamp__y_edge(map, y << shift),
-                                                        envsamp__y_edge(map, (y + 1) << shift));
+            map->levels[k].row_sr[y] = envsamp__rows_sr(map, top, end);
         }
     return source->compensation > 0.0f
         || (source->bilinear && source->image.mapping == ENVSAMP_OCTAHEDRAL);
@@ -2315,12 +2293,11 @@ static inline float envsamp__knot_peak(float a, float c, float top, float end)
 /* Makes `count` cells, without maxima unless `peaks` is nonzero. Knots above and below the row
    stand at `a` and `c`; of a map that is not bilinear a[x] is cell x. Floats, so that four are
    worked on at once, and some cells too many, up to a multiple of four. */
-static inline void envsamp__cells(const envsamp__map *map, const float *a, const float *c,
-                                  const envsamp__row_part *part, int count, int peaks,
-                                  envsamp__run *run)
+static void envsamp__cells(const envsamp__map *map, const float *a, const float *c,
+                           const envsamp__row_part *part, int count, int peaks, envsamp__run *run)
 {
     float scale = map->scale, at = (float)part->at, spread = (float)part->spread;
-    float top = (float)part->top, end = (float)part->end, left[4], right[4];
+    float top = (float)part->top, end = (float)part->end, mean[4], variance[4], peak[4];
     int b = map->bilinear, i, x;
 
     for (i = 0; i < count && !b; i += 4)
@@ -2331,19 +2308,18 @@ static inline void envsamp__cells(const envsamp__map *map, const float *a, const
     for (i = 0; i < count && b; i += 4) {
         for (x = 0; x < 4; x++)
             envsamp__cell_mean(scale * a[i + x], scale * a[i + x + 1], scale * c[i + x],
-                               scale * c[i + x + 1], at, spread, &left[x], &right[x]);
-        for (x = 0; x < 4; x++)
-            run->mean[i + x] = left[x];
-        for (x = 0; x < 4; x++)
-            run->variance[i + x] = right[x];
+                               scale * c[i + x + 1], at, spread, &mean[x], &variance[x]);
+        ENVSAMP_MEMCPY(run->mean + i, mean, sizeof mean);
+        ENVSAMP_MEMCPY(run->variance + i, variance, sizeof variance);
     }
     for (i = 0; i < count && peaks; i += 4) {
-        for (x = 0; x < 4; x++)
-            left[x] = envsamp__knot_peak(a[i + x], c[i + x], top, end);
-        for (x = 0; x < 4; x++)
-            right[x] = envsamp__knot_peak(a[i + x + b], c[i + x + b], top, end);
-        for (x = 0; x < 4; x++)
-            run->peak[i + x] = left[x] > right[x] ? left[x] : right[x];
+        for (x = 0; x < 4; x++) {
+            float left = envsamp__knot_peak(a[i + x], c[i + x], top, end);
+            float right = envsamp__knot_peak(a[i + x + b], c[i + x + b], top, end);
+
+            peak[x] = left > right ? left : right;
+        }
+        ENVSAMP_MEMCPY(run->peak + i, peak, sizeof peak);
     }
 }
 
@@ -2362,8 +2338,8 @@ typedef struct envsamp__profile {
 /* How many cells of level 0 wide column x of a level is: less at the border. */
 static inline double envsamp__columns(const envsamp__map *map, const envsamp__level *level, int x)
 {
-    return envsamp__x_edge(map, (x + 1) << level->shift)
-         - envsamp__x_edge(map, x << level->shift);
+    return envsamp__cell_edge(map, (x + 1) << level->shift, 0)
+         - envsamp__cell_edge(map, x << level->shift, 0);
 }
 
 /* Sets the scale of floats that are squared: from `peak`, the maximum of what is read, about 2^60,
@@ -2384,19 +2360,12 @@ static void envsamp__strip_peaks(envsamp__map *map, const float *line, int lines
     float highest = 0.0f;
     int i, x;
 
-    for (i = 0; i < count; i += 4)
-        for (x = i; x < i + 4; x++)
-            peak[x] = line[x];
+    ENVSAMP_MEMCPY(peak, line, (size_t)((count + 3) & ~3) * sizeof(float));
     for (; lines > 1; lines--) {
         line += map->stride;
-        for (i = 0; i < count; i += 4) {
-            float high[4];
-
-            for (x = 0; x < 4; x++)
-                high[x] = peak[i + x] > line[i + x] ? peak[i + x] : line[i + x];
-            for (x = 0; x < 4; x++)
-                peak[i + x] = high[x];
-        }
+        for (i = 0; i < count; i += 4)
+            for (x = i; x < i + 4; x++)
+                peak[x] = peak[x] > line[x] ? peak[x] : line[x];
     }
     for (x = 0; x < count; x++)
         highest = peak[x] > highest ? peak[x] : highest;
@@ -2570,26 +2539,23 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
  *                     searches the splits of the two parts when they come to the top of the heap
  *     moments         sums blocks again whose sums were approximate
  *
- * A split is searched in sums by column and by row, read at one level: the finest at which the
- * block has at most ENVSAMP__SPLIT_CELLS cells. In a bilinear map there are levels below 0, whose
- * cells are fractions of those of level 0: lamps of a few texels need blocks within cells. A cell
- * of a coarse level that an edge of the block cuts is read at finer levels if it holds much of the
- * block's light, otherwise its light is taken for uniform.
+ * A split is searched in sums by column and by row, read at the finest level at which the block has
+ * at most ENVSAMP__SPLIT_CELLS cells. In a bilinear map that may be below 0, of fractions of cells:
+ * lamps of a few texels need blocks within cells. A cell of a coarse level that the block cuts is
+ * read at finer levels if it is uneven, else its light is taken for uniform.
  * ========================================================================================== */
 
 #define ENVSAMP__CUT_CELLS 512      /* so many are read at level 0 where coarser cells are cut */
 #define ENVSAMP__FLAT 1e-12         /* relative: below it a block is flat */
-#define ENVSAMP__GAIN_FLOOR 0.15    /* of its bound: what the priority of a searched block does not
-                                       fall below, since two cuts may gain what one cannot */
-#define ENVSAMP__UNIFORM_SHARE (1.0 / 8)    /* of a block's light or squares: what a cut cell of
-                                               uniform light may hold while splits are searched */
+#define ENVSAMP__GAIN_FLOOR 0.15    /* of its bound: least priority of a searched block, since two
+                                       cuts may gain what one cannot */
+#define ENVSAMP__UNIFORM_SHARE (1.0 / 8)   /* of light or squares: error a cut cell may make */
 #define ENVSAMP__WARP_DEPTH 32      /* cuts below a tile, one inside the other */
 #define ENVSAMP__FINE_BITS 6        /* bilinear: the finest cells are 2^-6 of those of level 0 */
 
 /* ---- a heap ---- */
 
-/* The entry of the largest key comes first. Each has four children, which share a cache line or
-   two. */
+/* The entry of the largest key comes first. Each has four children. */
 typedef struct envsamp__heap_entry { double key; uint32_t item; int searched; }
     envsamp__heap_entry;
 typedef struct envsamp__heap { envsamp__heap_entry *entries; int count; } envsamp__heap;
@@ -2708,7 +2674,7 @@ static envsamp__row_part envsamp__level_row(const envsamp__map *map, int k, int 
     double end = envsamp__min_double((double)(y + 1) * size, rect->y1);
     envsamp__row_part part = { 0.0, 0.0, 0.0, 0.0, 1.0 };
 
-    if (k == 0 && top <= envsamp__y_edge(map, y) && end >= envsamp__y_edge(map, y + 1))
+    if (k == 0 && top <= envsamp__cell_edge(map, y, 1) && end >= envsamp__cell_edge(map, y + 1, 1))
         return map->rows[y];
     if (k <= 0)
         return envsamp__part_of_row(map, y >> -k, top, end, k < 0);
@@ -2716,8 +2682,7 @@ static envsamp__row_part envsamp__level_row(const envsamp__map *map, int k, int 
     return part;
 }
 
-/* What sums are added to. The first columns and rows of the bins are x0 and y0; either may be
-   NULL. */
+/* What sums are added to. Either profile may be NULL; they begin at column x0 and row y0. */
 typedef struct envsamp__sums {
     envsamp__profile *columns, *rows;
     int x0, y0;
@@ -2809,23 +2774,22 @@ static envsamp__moments envsamp__cut_cell(const envsamp__map *map, const float *
 {
     float top = (float)part->top, end = (float)part->end, a[2], c[2], mean, variance, peak[2];
     double sr = part->sr * column->width * map->unit, wide;
+    int b = map->bilinear, i;
     envsamp__moments m;
-    int i;
 
     for (i = 0; i < 2; i++) {
         const float *above = upper + column->knot[i], *below = lower + column->knot[i];
 
-        a[i] = envsamp__mix(above[0], above[map->bilinear], column->share[i]);
-        c[i] = envsamp__mix(below[0], below[map->bilinear], column->share[i]);
+        a[i] = envsamp__mix(above[0], above[b], column->share[i]);
+        c[i] = envsamp__mix(below[0], below[b], column->share[i]);
         peak[i] = envsamp__knot_peak(a[i], c[i], top, end);
     }
-    envsamp__cell_mean(map->scale * a[0], map->scale * a[map->bilinear], map->scale * c[0],
-                       map->scale * c[map->bilinear], (float)part->at, (float)part->spread, &mean,
-                       &variance);
+    envsamp__cell_mean(map->scale * a[0], map->scale * a[b], map->scale * c[0], map->scale * c[b],
+                       (float)part->at, (float)part->spread, &mean, &variance);
     wide = (double)mean;
     m.sum = sr * wide;
     m.square = sr * map->unit * (wide * wide + (double)variance);
-    m.peak = peak[0] > peak[map->bilinear] ? peak[0] : peak[map->bilinear];
+    m.peak = peak[0] > peak[b] ? peak[0] : peak[b];
     return m;
 }
 
@@ -2840,10 +2804,9 @@ static int envsamp__cut_columns(const envsamp__map *map, int k, const envsamp__w
     for (i = 0; i < ((width + 3) & ~3); i++)
         keep[i] = i < width ? 1.0f : 0.0f;
     for (i = 0; i < width; i += k < 0 || width == 1 ? 1 : width - 1) {
-        double edge[2];
+        const double edge[2] = { envsamp__max((double)(w->x0 + i) * size, rect->x0),
+                                 envsamp__min_double((double)(w->x0 + i + 1) * size, rect->x1) };
 
-        edge[0] = envsamp__max((double)(w->x0 + i) * size, rect->x0);
-        edge[1] = envsamp__min_double((double)(w->x0 + i + 1) * size, rect->x1);
         if (edge[1] - edge[0] >= 1.0)
             continue;
         keep[i] = 0.0f;
@@ -2851,7 +2814,8 @@ static int envsamp__cut_columns(const envsamp__map *map, int k, const envsamp__w
         cut[count].width = edge[1] - edge[0];
         for (side = 0; side < 2; side++) {
             int knot = (int)edge[side];
-            double from = envsamp__x_edge(map, knot), gap = envsamp__x_edge(map, knot + 1) - from;
+            double from = envsamp__cell_edge(map, knot, 0);
+            double gap = envsamp__cell_edge(map, knot + 1, 0) - from;
 
             cut[count].knot[side] = knot;
             cut[count].share[side] = (float)(gap < 1.0 && gap > 0.0 ? (edge[side] - from) / gap
@@ -2910,15 +2874,14 @@ static void envsamp__add_cells(const envsamp__map *map, int k, const envsamp__wi
     for (y = w->y0; y < w->y1 && k > 0; y++) {
         const envsamp__cell *cell = level->cells + (size_t)y * (size_t)level->width;
         double row_sr = envsamp__level_row(map, k, y, rect).sr;
-        envsamp__moments row = { 0.0, 0.0, 0.0f }, m;
+        envsamp__moments row = { 0.0, 0.0, 0.0f };
 
         for (x = w->x0; x < w->x1; x++) {
+            double mean = (double)cell[x].mean, rms = (double)cell[x].rms;
             double sr = row_sr * (x > 0 && x + 1 < level->width
                                   ? size : envsamp__columns(map, level, x));
+            const envsamp__moments m = { sr * mean, sr * (rms * rms), cell[x].peak };
 
-            m.sum = sr * (double)cell[x].mean;
-            m.square = sr * ((double)cell[x].rms * (double)cell[x].rms);
-            m.peak = cell[x].peak;
             envsamp__add_to(&row, &m);
             if (sums->columns)
                 envsamp__add_to_bin(sums->columns, x - sums->x0, &m);
@@ -2966,9 +2929,8 @@ static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const env
     return sums.total;
 }
 
-/* The part in a rectangle of a cell of level k > 0 that its edges cut: as much of the cell as of
-   its solid angle, which is rough unless it is even, or exactly where that may be wrong by more
-   than `least`. */
+/* Moments of what of a cell of level k > 0 lies in a rectangle: in proportion to solid angle, which
+   is rough unless the cell is even, or exactly where that may be wrong by more than `least`. */
 static envsamp__moments envsamp__cell_part(const envsamp__map *map, int k, int x, int y,
                                            double row_sr, const envsamp__rect *rect,
                                            const envsamp__moments *least, int *rough)
@@ -3055,26 +3017,15 @@ static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int 
 
 /* ---- searching splits ---- */
 
-static double envsamp__range(const envsamp__map *map, const envsamp__block *b)
-{
-    int x0 = (int)b->rect.x0, y0 = (int)b->rect.y0, x, y;
-    float low = b->whole.peak;
-
-    for (y = y0; (double)(y - map->bilinear) < b->rect.y1; y++) {
-        const float *knot = envsamp__line(map, y);
-
-        for (x = x0; (double)(x - map->bilinear) < b->rect.x1; x++)
-            low = knot[x] < low ? knot[x] : low;
-    }
-    return (double)b->whole.peak - (double)low;
-}
-
 /* The priority of a block whose split was not yet searched. For EXCESS a bound: no split gains more
    than what the block's own variance costs. */
 static double envsamp__priority(const envsamp__tree *tree, const envsamp__block *b)
 {
     double sr = envsamp__block_sr(b), q = envsamp__q(sr, b->whole.square);
     double sse = b->whole.square - b->whole.sum * b->whole.sum / sr;
+    const envsamp__map *map = tree->map;
+    float low = b->whole.peak;
+    int x, y;
 
     sse = sse > ENVSAMP__FLAT * b->whole.square ? sse : 0.0;
     if (b->depth >= tree->depth_limit)
@@ -3082,7 +3033,11 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
     switch (tree->criterion) {
     case ENVSAMP_KD_SSE: return sse;    /* [1, equation 2], weighted by solid angle */
     case ENVSAMP_KD_VARIANCE: return sse / sr;
-    case ENVSAMP_KD_RANGE: return envsamp__range(tree->map, b);
+    case ENVSAMP_KD_RANGE:
+        for (y = (int)b->rect.y0; (double)(y - map->bilinear) < b->rect.y1; y++)
+            for (x = (int)b->rect.x0; (double)(x - map->bilinear) < b->rect.x1; x++)
+                low = envsamp__line(map, y)[x] < low ? envsamp__line(map, y)[x] : low;
+        return (double)b->whole.peak - (double)low;
     default: return q - b->whole.sum > ENVSAMP__FLAT * q ? q - b->whole.sum : 0.0;
     }
 }
@@ -3211,41 +3166,15 @@ static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
     return b->axis < 0 ? 0.0 : excess ? envsamp__max(gain, ENVSAMP__GAIN_FLOOR * bound) : bound;
 }
 
-/* Replaces a block by the two parts of its best split: the low part takes its place. */
-static void envsamp__split(envsamp__tree *tree, uint32_t number)
-{
-    envsamp__block *b = &tree->blocks[number], *high = &tree->blocks[tree->block_count];
-    uint32_t cut = (uint32_t)tree->block_count - 1;
-
-    b->depth++;
-    *high = *b;
-    high->whole = b->high;
-    b->whole = b->low;
-    if (b->axis == 0) {
-        b->rect.x1 = high->rect.x0 = b->at;
-    } else {
-        b->rect.y1 = high->rect.y0 = b->at;
-        b->column_sr = envsamp__rows_sr(tree->map, b->rect.y0, b->rect.y1);
-        high->column_sr = envsamp__rows_sr(tree->map, high->rect.y0, high->rect.y1);
-    }
-    tree->cuts[cut].axis = b->axis;
-    tree->cuts[cut].at = b->at;
-    tree->cuts[cut].child[0] = ENVSAMP__LEAF | number;
-    tree->cuts[cut].child[1] = ENVSAMP__LEAF | (uint32_t)tree->block_count;
-    if (b->slot != ENVSAMP__LEAF)
-        tree->cuts[b->slot >> 1].child[b->slot & 1] = cut;
-    b->slot = cut * 2;
-    high->slot = cut * 2 + 1;
-    tree->block_count++;
-}
-
 /* One step of the splitting: searches the split of the block at the top of the heap, or makes it.
    The heap holds every block once; one whose split was not yet searched has a bound as its
    priority. Returns 0 when `wanted` blocks stand or all are flat. */
 static int envsamp__split_step(envsamp__tree *tree, int wanted)
 {
     envsamp__heap_entry *top = &tree->heap.entries[0];
-    envsamp__block *block = &tree->blocks[top->item];
+    uint32_t number = (uint32_t)tree->block_count;
+    envsamp__block *b = &tree->blocks[top->item], *high = &tree->blocks[number];
+    envsamp__cut *cut = &tree->cuts[number - 1];
 
     if (tree->block_count >= wanted || !(top->key > 0.0))
         return 0;
@@ -3257,18 +3186,35 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
             next = next == top || top[i].key > next->key ? &top[i] : next;
         if (!next->searched)
             envsamp__prefetch(tree, &tree->blocks[next->item].rect);
-        top->key = envsamp__search_block(tree, block);
+        top->key = envsamp__search_block(tree, b);
         top->searched = 1;
         envsamp__heap_settle(&tree->heap);
-    } else {
-        uint32_t high = (uint32_t)tree->block_count;
-
-        envsamp__split(tree, top->item);
-        top->key = envsamp__priority(tree, block);
-        top->searched = 0;
-        envsamp__heap_settle(&tree->heap);
-        envsamp__heap_push(&tree->heap, envsamp__priority(tree, &tree->blocks[high]), high, 0);
+        return 1;
     }
+    cut->axis = b->axis;                /* the low part takes the place of the block */
+    cut->at = b->at;
+    cut->child[0] = ENVSAMP__LEAF | top->item;
+    cut->child[1] = ENVSAMP__LEAF | number;
+    if (b->slot != ENVSAMP__LEAF)
+        tree->cuts[b->slot >> 1].child[b->slot & 1] = number - 1;
+    b->slot = (number - 1) * 2;
+    b->depth++;
+    *high = *b;
+    high->slot++;
+    high->whole = b->high;
+    b->whole = b->low;
+    if (b->axis == 0) {
+        b->rect.x1 = high->rect.x0 = b->at;
+    } else {
+        b->rect.y1 = high->rect.y0 = b->at;
+        b->column_sr = envsamp__rows_sr(tree->map, b->rect.y0, b->rect.y1);
+        high->column_sr = envsamp__rows_sr(tree->map, high->rect.y0, high->rect.y1);
+    }
+    top->key = envsamp__priority(tree, b);
+    top->searched = 0;
+    envsamp__heap_settle(&tree->heap);
+    envsamp__heap_push(&tree->heap, envsamp__priority(tree, high), number, 0);
+    tree->block_count++;
     return 1;
 }
 
@@ -3278,19 +3224,17 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
  * WARP's tree begins with tile_bits levels of cuts that halve the light, within a few percent,
  * across azimuth and polar angle in turns, but a long map first shorter, through texels where need
  * be. The 2^tile_bits tiles that they make are drawn equally often, their images in the unit square
- * are the cells of a regular grid, and the leading bits of u0 and u1 name the tile: no search, no
- * grid of links. Each tile is then split like a map of its own. bench/experiments.md has other
- * crowns.
+ * form a regular grid, and the leading bits of u0 and u1 name the tile. Each is then split like a
+ * map of its own. bench/experiments.md has other crowns.
  * ========================================================================================== */
 
 #define ENVSAMP__BLOCKS_PER_TILE 3      /* 2 at least: the crown has as many cuts as tiles */
 #define ENVSAMP__MEDIAN_CELLS 512       /* read at once for a median */
-#define ENVSAMP__MEDIAN_SHARE (1.0 / 512)  /* of a part's light: what a cut cell of uniform light
-                                               may hold */
+#define ENVSAMP__MEDIAN_SHARE (1.0 / 512)   /* of the light: error a cut cell may make */
 
-/* Where in a part of the map, which lies within a row or column of cells of level 0, its light has
-   come to a share: at a root of the parabola through the light of its halves, exact along u, then
-   by a step of Newton's. */
+/* Where the light of a rectangle within a row or column of cells of level 0 has come to a share: at
+   a root of the parabola through the light of its halves, exact along u, then by a step of
+   Newton's. */
 static double envsamp__median_in_cell(const envsamp__map *map, const envsamp__rect *rect, int axis,
                                       double light, double share)
 {
@@ -3741,10 +3685,9 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  * KD TABLE                                                                 [search: @kd-table]
  *
  * One block of 32-bit words in the byte order of the machine, without pointers: the header below (a
- * double is two words), then arrays, as far as the selection needs them. `bits` is log2 of
- * block_count, rounded up, and tiles stands for 2^(tile_bits_x + tile_bits_y), 1 without WARP. A
- * sample and a density read the first 64 bytes of the header, then as few cache lines as can be;
- * fewest if the table begins with one.
+ * double is two words), then the arrays that the selection needs. `bits` is log2 of block_count,
+ * rounded up; tiles is 2^(tile_bits_x + tile_bits_y), 1 without WARP. A sample and a density read
+ * the first 64 bytes of the header: one cache line, if the table begins with one.
  *
  *     records  WARP        tiles x { float x0, x1, y0, y1; link }: edges in the map. Tile
  *                          j 2^tile_bits_x + i is cell (i, j) of a grid over the unit square, u0
@@ -3770,18 +3713,15 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  * A link is a density per steradian, a float of 0 or more, where a block is reached; otherwise,
  * with its top bit set, it leads to a cut (in records and cuts) or a node (in nodes and grid), as
  * its place in the table in words.
-
- * An edge in azimuth is a float in turns. An edge in polar angle is 1 - cos theta above the
- * equator, and, with a minus sign, -0 included, 1 + cos theta below it: each is exact at its
- * pole, where cos theta itself has no digits left. The other one of the two is 2 less it. sin
- * theta is the root of their product, cos theta half their difference, and both interpolate
- * linearly, which is uniform in solid angle. A hemisphere ends at 1. Edges in an octahedral map are
- * u and v, and uniform in solid angle as they are.
  *
- * Nodes and grid live in coordinates that need no arc tangent and no unit length, yet grow with
- * the angles: azimuth in [0, 4] is y/(|x|+|y|) unrolled round the four quadrants, polar in [0, 2]
- * is r/(r+|z|), r = |(x, y)|, unrolled over the equator. The map ends at 2, a hemisphere at 1. In
- * an octahedral map they are 4 u and 2 v.
+ * An edge in azimuth is a float in turns. An edge in polar angle is 1 - cos theta above the
+ * equator, and, with a minus sign, -0 included, 1 + cos theta below it: each is exact at its pole.
+ * They add up to 2, sin theta is the root of their product, and both interpolate linearly, which is
+ * uniform in solid angle. A hemisphere ends at 1. Edges in an octahedral map are u and v.
+ *
+ * Nodes and grid are in coordinates that grow with the angles and need no arc tangent: azimuth in
+ * [0, 4] is y/(|x|+|y|) unrolled round the four quadrants, polar in [0, 2] is r/(r+|z|), r =
+ * |(x, y)|, unrolled over the equator; a hemisphere ends at 1. In an octahedral map: 4 u and 2 v.
  * ========================================================================================== */
 
 #define ENVSAMP__KD_MAGIC 0x444b5345u   /* "ESKD" in memory */
@@ -3882,305 +3822,7 @@ static void envsamp__kd_layout(envsamp_kd *kd)
     kd->bytes = end;
 }
 
-/* ---- writing the density ---- */
-
-static uint32_t envsamp__root(const envsamp__tree *tree)
-{
-    return tree->block_count > 1 ? 0 : ENVSAMP__LEAF;
-}
-
-/* The tree while it is written. A child that is to become a node is its cut in the tree until then,
-   and such children are in a list: `pending` is the place in the table, in words, of the first, or
-   0, next[cut] of the one after it. */
-typedef struct envsamp__pdf_writer {
-    const envsamp__tree *tree;
-    envsamp_kd *kd;
-    const float *density;           /* of each block of the tree */
-    uint32_t *next, pending;
-} envsamp__pdf_writer;
-
-/* The cut that a link of the tree leads to; NULL for a block, and for cuts that were not made. */
-static const envsamp__cut *envsamp__linked_cut(const envsamp__tree *tree, uint32_t link)
-{
-    return link & ENVSAMP__LEAF || tree->cuts[link].axis < 0 ? NULL : &tree->cuts[link];
-}
-
-/* Whether fewer cuts are at odd depths: then nodes begin with these, at most half of all, and the
-   root is below a node that has no other cut. Else nodes begin with those at even depths. */
-static int envsamp__odd_depths(const envsamp__pdf_writer *w)
-{
-    const envsamp__tree *tree = w->tree;
-    uint32_t cut_count = (uint32_t)tree->block_count - 1, *parity = w->next, c;
-    int even = 0, side;
-
-    for (c = 0; c < cut_count; c++)
-        parity[c] = c ? 2 : 0;
-    for (c = 0; c < cut_count; c++) {           /* children come after their parents */
-        even += parity[c] == 0;
-        even -= parity[c] == 1;
-        for (side = 0; side < 2 && parity[c] < 2; side++)
-            if (envsamp__linked_cut(tree, tree->cuts[c].child[side]))
-                parity[tree->cuts[c].child[side]] = 1 - parity[c];
-    }
-    return cut_count == 0 || tree->cuts[0].axis < 0 || even > 1;
-}
-
-static float envsamp__tree_cut(const envsamp__map *map, const envsamp__cut *cut)
-{
-    if (!cut)
-        return 0.0f;
-    return envsamp__node_cut(map->mapping, envsamp__stored_edge(map, cut->at, cut->axis),
-                             cut->axis);
-}
-
-/* What is below the top of a node on one side. */
-static void envsamp__write_half(envsamp__pdf_writer *w, envsamp__pdf_node *node, int side,
-                                uint32_t link)
-{
-    const envsamp__cut *cut = envsamp__linked_cut(w->tree, link);
-    int i;
-
-    node->cut[1 + side] = envsamp__tree_cut(w->tree->map, cut);
-    for (i = 0; i < 2; i++) {
-        uint32_t below = cut ? cut->child[i] : link, *child = &node->child[2 * side + i];
-
-        if (envsamp__linked_cut(w->tree, below)) {
-            *child = below;
-            w->next[below] = w->pending;
-            w->pending = (uint32_t)((char *)child - (char *)w->kd) / 4;
-        } else {
-            while (!(below & ENVSAMP__LEAF))
-                below = w->tree->cuts[below].child[0];
-            *child = envsamp__float_bits(w->density[below & ~ENVSAMP__LEAF]);
-        }
-    }
-}
-
-static void envsamp__write_pdf_nodes(envsamp__pdf_writer *w)
-{
-    uint32_t at = w->kd->nodes_at / 4, *child;
-    const envsamp__cut *cut = envsamp__odd_depths(w) ? NULL : w->tree->cuts;
-
-    for (;; at += (uint32_t)sizeof(envsamp__pdf_node) / 4) {
-        envsamp__pdf_node *node = ENVSAMP__LINKED_OUT(envsamp__pdf_node, w->kd, at);
-
-        node->cut[0] = envsamp__tree_cut(w->tree->map, cut);
-        if (cut)
-            envsamp__write_half(w, node, 0, cut->child[0]);
-        envsamp__write_half(w, node, 1, cut ? cut->child[1] : envsamp__root(w->tree));
-        if (!w->pending)
-            return;
-        child = ENVSAMP__LINKED_OUT(uint32_t, w->kd, w->pending);
-        cut = &w->tree->cuts[*child];
-        w->pending = w->next[*child];
-        *child = ENVSAMP__INNER | (at + (uint32_t)sizeof(envsamp__pdf_node) / 4);
-    }
-}
-
-/* The deepest link below `link` whose region holds some cells of the grid, which have exact
-   edges: so it is right for every point that falls in them. */
-static uint32_t envsamp__cell_link(const envsamp_kd *kd, uint32_t link, uint32_t x, uint32_t y,
-                                   uint32_t width, uint32_t height)
-{
-    float across = 4.0f / (float)(1u << kd->grid_bits_x);
-    float down = envsamp__polar_end(kd->mapping) / (float)(1u << kd->grid_bits_y);
-    float low[2], high[2];
-
-    low[0] = across * (float)x;
-    low[1] = down * (float)y;
-    high[0] = across * (float)(x + width);
-    high[1] = down * (float)(y + height);
-    while (link & ENVSAMP__INNER) {
-        const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, link);
-        int at = 0;
-
-        while (at < 3) {
-            int axis = envsamp__sign(node->cut[at]);
-            float cut = ENVSAMP_FABSF(node->cut[at]);
-
-            if (cut > low[axis] && cut < high[axis])
-                return link;
-            at = 2 * at + 1 + (cut <= low[axis]);
-        }
-        link = node->child[at - 3];
-    }
-    return link;
-}
-
-/* Rows of cells [y0, y1). Squares of up to 8 by 8 cells come first and save their cells the way
-   down to them. */
-static void envsamp__write_grid(envsamp_kd *kd, uint32_t y0, uint32_t y1)
-{
-    uint32_t *grid = ENVSAMP__ARRAY_OUT(uint32_t, kd, grid), columns = 1u << kd->grid_bits_x, x, y;
-    uint32_t wide = columns < 8 ? columns : 8, link = 0;
-
-    for (x = 0; x < columns; x++) {
-        if (x % wide == 0)
-            link = envsamp__cell_link(kd, ENVSAMP__INNER | kd->nodes_at / 4, x, y0, wide, y1 - y0);
-        for (y = y0; y < y1; y++)
-            grid[(y << kd->grid_bits_x) + x] = envsamp__cell_link(kd, link, x, y, 1, 1);
-    }
-}
-
-/* ---- writing WARP ---- */
-
-/* A part of a tile that is to be written: a subtree, its place in the unit square in units of
-   2^-24, counted from the tile's corner, and in the map, and the link that leads to it. A part of
-   what became one block, as the unit square had no room for its cuts, is as large as the whole. */
-typedef struct envsamp__part {
-    uint32_t link, *child;
-    uint32_t low[2], high[2];
-    envsamp__edges edges;
-    int is_merged;
-} envsamp__part;
-
-typedef struct envsamp__warp_writer {
-    envsamp__tree *tree;
-    const double *q;                /* of each cut's subtree */
-    envsamp_kd *kd;
-    float *density;                 /* of each block of the tree */
-    uint32_t cut_count, leaf_count;
-    double second;                  /* moment of L / pdf */
-    double max_ratio;
-    envsamp__part *stack;           /* ENVSAMP__WARP_DEPTH + 2 */
-} envsamp__warp_writer;
-
-/* Weight of a block that is lit, however little: zero would leave its light unsampled. */
-static double envsamp__lit_weight(const envsamp__block *block, double weight)
-{
-    return block->whole.peak > 0.0f && weight < DBL_MIN ? DBL_MIN : weight;
-}
-
-static double envsamp__block_q(const envsamp__block *b)
-{
-    return envsamp__lit_weight(b, envsamp__q(envsamp__block_sr(b), b->whole.square));
-}
-
-/* Q of what a link of the tree leads to. */
-static double envsamp__link_q(const envsamp__tree *tree, const double *q, uint32_t link)
-{
-    return link & ENVSAMP__LEAF ? envsamp__block_q(&tree->blocks[link & ~ENVSAMP__LEAF]) : q[link];
-}
-
-/* Adds what a block costs that has a density. */
-static void envsamp__add_cost(const envsamp__moments *m, double pdf, double integral,
-                              double *second, double *max_ratio)
-{
-    if (pdf > 0.0) {
-        *second += m->square / pdf;
-        *max_ratio = envsamp__max(*max_ratio, (double)m->peak / (pdf * integral));
-    }
-}
-
-/* A block: its density is the area of its place in the unit square over its solid angle. */
-static void envsamp__write_leaf(envsamp__warp_writer *w, const envsamp__part *p)
-{
-    uint32_t block = p->link & ~ENVSAMP__LEAF;
-    double probability = (double)(p->high[0] - p->low[0]) / (double)ENVSAMP__UNIT
-                       * ((double)(p->high[1] - p->low[1]) / (double)ENVSAMP__UNIT);
-    float pdf = (float)(probability / envsamp__edges_sr(w->kd->mapping, &p->edges));
-
-    *p->child = envsamp__float_bits(pdf);
-    w->density[block] = pdf;
-    w->leaf_count += !p->is_merged;
-    envsamp__add_cost(&w->tree->blocks[block].whole, (double)pdf, w->tree->map->integral,
-                      &w->second, &w->max_ratio);
-}
-
-/* Writes the cut of a part and sets its two sides. It divides the part's units in proportion to Q
-   but for rounding: a lit side gets one at least, a black one none. Where there are too few, the
-   part becomes one block: returns 0, and both sides are the part itself. */
-static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p,
-                              envsamp__sample_node *node, envsamp__part *low, envsamp__part *high)
-{
-    envsamp__cut *cut = &w->tree->cuts[p->link];
-    int axis = cut->axis;
-    uint32_t bits = axis ? w->kd->tile_bits_y : w->kd->tile_bits_x;
-    uint32_t units = p->high[axis] - p->low[axis], cut_at;
-    double low_q = envsamp__link_q(w->tree, w->q, cut->child[0]);
-    double high_q = envsamp__link_q(w->tree, w->q, cut->child[1]);
-
-    *low = *high = *p;
-    low->link = cut->child[0];
-    high->link = cut->child[1];
-    if (p->is_merged || (low_q > 0.0 && high_q > 0.0 && units < 2)) {
-        w->leaf_count += !p->is_merged;
-        low->is_merged = high->is_merged = 1;
-        cut->axis = -1;
-        return 0;
-    }
-    cut_at = (uint32_t)((low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5) * (double)units
-                        + 0.5);
-    if (low_q > 0.0 && cut_at < 1)
-        cut_at = 1;
-    if (high_q > 0.0 && cut_at > units - 1)
-        cut_at = units - 1;
-    low->high[axis] = high->low[axis] = p->low[axis] + cut_at;
-    node->cut = envsamp__with_sign((float)low->high[axis] / (float)(1u << (24 - bits)), axis);
-    node->edge = envsamp__stored_edge(w->tree->map, cut->at, axis);
-    *(axis ? &low->edges.y1 : &low->edges.x1) = node->edge;
-    *(axis ? &high->edges.y0 : &high->edges.x0) = node->edge;
-    low->child = &node->child[0];
-    high->child = &node->child[1];
-    return 1;
-}
-
-/* The tile in column i, row j of the grid over the unit square: the way down the crown to it. */
-static envsamp__part envsamp__find_tile(const envsamp__warp_writer *w, uint32_t i, uint32_t j)
-{
-    const envsamp__tree *tree = w->tree;
-    uint32_t bits[2] = { w->kd->tile_bits_x, w->kd->tile_bits_y }, at[2] = { i, j };
-    envsamp__part tile;
-    int level;
-
-    ENVSAMP_MEMSET(&tile, 0, sizeof tile);
-    tile.link = envsamp__root(tree);
-    tile.high[0] = 1u << (24 - bits[0]);
-    tile.high[1] = 1u << (24 - bits[1]);
-    tile.edges.x1 = 1.0f;
-    tile.edges.y1 = w->kd->mapping == ENVSAMP_LATLONG ? -0.0f : 1.0f;
-    for (level = 0; level < tree->tile_bits; level++) {
-        const envsamp__cut *cut = &tree->cuts[tile.link];
-        uint32_t side = at[cut->axis] >> --bits[cut->axis] & 1;
-        float edge = envsamp__stored_edge(tree->map, cut->at, cut->axis);
-
-        *(cut->axis ? side ? &tile.edges.y0 : &tile.edges.y1
-                    : side ? &tile.edges.x0 : &tile.edges.x1) = edge;
-        tile.link = cut->child[side];
-    }
-    return tile;
-}
-
-/* Tile i, and all below it. */
-static void envsamp__write_tile(envsamp__warp_writer *w, uint32_t i)
-{
-    envsamp_kd *kd = w->kd;
-    uint32_t columns = 1u << kd->tile_bits_x;
-    envsamp__record *tile = (envsamp__record *)(void *)((char *)kd + sizeof *kd) + i;
-    envsamp__part *stack = w->stack;
-    int top = 1;
-
-    stack[0] = envsamp__find_tile(w, i % columns, i / columns);
-    stack[0].child = &tile->link;
-    tile->edges = stack[0].edges;
-    while (top > 0) {
-        envsamp__part part = stack[--top];
-        uint32_t at = envsamp__cut_place(kd, w->cut_count);
-
-        if (part.link & ENVSAMP__LEAF) {
-            envsamp__write_leaf(w, &part);
-            continue;
-        }
-        if (envsamp__write_cut(w, &part, ENVSAMP__LINKED_OUT(envsamp__sample_node, kd, at),
-                               &stack[top + 1], &stack[top])) {
-            *part.child = ENVSAMP__INNER | at;
-            w->cut_count++;
-        }
-        top += 2;
-    }
-}
-
-/* ---- the build ---- */
+/* ---- jobs ---- */
 
 /* A build is a job that does one item of work after the other, so that it can be spread over
    frames: the same items in the same order, however many at a time. What an item of work is: */
@@ -4279,18 +3921,34 @@ static envsamp_result envsamp__job_step(envsamp__job *job, int count, int *done)
     return job->result;
 }
 
+/* Part of a tile: in the tile's own unit square, in the map, and the link that leads to it. */
+typedef struct envsamp__warp_region { uint32_t link; float low[2], high[2]; envsamp__edges edges; }
+    envsamp__warp_region;
+
+/* A part that is to be written: its link is that of the tree, `child` where it goes in the table. A
+   part of what became one block, as the unit square had no room for its cuts, is as large as the
+   whole. */
+typedef struct envsamp__part {
+    envsamp__warp_region r;
+    uint32_t *child;
+    int is_merged;
+} envsamp__part;
+
 struct envsamp_kd_job {
     envsamp__job base;
     envsamp__tree tree;
     envsamp_kd_desc desc;
     int level, block_limit;         /* PYRAMID: the level that is made */
-    envsamp__warp_writer writer;
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
     uint32_t *order;                /* blocks of the tree in the order of the table; then numbers */
     float *density;                 /* of each block of the tree */
     uint32_t *draws, *stack;        /* ALIAS */
     envsamp_buffer lm_scratch;
+    double second;                  /* moment of L / pdf of what is written */
+    envsamp__part *parts;           /* WARP: a stack of ENVSAMP__WARP_DEPTH + 2 */
+    uint32_t cut_count, leaf_count; /* WARP: written */
+    uint32_t pending;               /* nodes: see write_half */
 };
 
 /* Puts a job's arrays into a buffer that begins with the job. */
@@ -4315,7 +3973,7 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     tree->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, count);
     tree->columns = ENVSAMP__TAKE(envsamp__profile, arena, 1);
     tree->rows = ENVSAMP__TAKE(envsamp__profile, arena, 1);
-    job->writer.stack = ENVSAMP__TAKE(envsamp__part, arena, ENVSAMP__WARP_DEPTH + 2);
+    job->parts = ENVSAMP__TAKE(envsamp__part, arena, ENVSAMP__WARP_DEPTH + 2);
     job->probability = ENVSAMP__TAKE(double, arena, count);
     job->order = ENVSAMP__TAKE(uint32_t, arena, count);
     job->density = ENVSAMP__TAKE(float, arena, count);
@@ -4333,32 +3991,309 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     }
 }
 
-static int envsamp__kd_desc_valid(const envsamp_kd_desc *desc)
+/* ---- writing the density ---- */
+
+static uint32_t envsamp__root(const envsamp__tree *tree)
 {
-    return desc->block_count >= 1 && desc->block_count <= 1048576
-        && (uint32_t)desc->select <= ENVSAMP_KD_FIT
-        && (uint32_t)desc->criterion <= ENVSAMP_KD_RANGE
-        && (uint32_t)desc->model <= ENVSAMP_KD_POWER
-        && (uint32_t)desc->objective <= ENVSAMP_KD_CHI2
-        && envsamp__in_range(desc->mis_compensation, 0.0f, 1.0f) && !desc->facing
-        && envsamp__is_zero(desc->excess_target) && envsamp__is_zero(desc->importance_exponent);
+    return tree->block_count > 1 ? 0 : ENVSAMP__LEAF;
 }
 
-static void envsamp__choose_alias(envsamp_kd_job *job, envsamp_kd *kd)
+/* The cut that a link of the tree leads to; NULL for a block, and for cuts that were not made. */
+static const envsamp__cut *envsamp__linked_cut(const envsamp__tree *tree, uint32_t link)
+{
+    return link & ENVSAMP__LEAF || tree->cuts[link].axis < 0 ? NULL : &tree->cuts[link];
+}
+
+/* Whether fewer cuts are at odd depths: then nodes begin with these, at most half of all, and the
+   root is below a node that has no other cut. Else nodes begin with those at even depths. */
+static int envsamp__odd_depths(const envsamp_kd_job *job)
 {
     const envsamp__tree *tree = &job->tree;
-    int i;
+    uint32_t cut_count = (uint32_t)tree->block_count - 1, *parity = job->order, c;
+    int even = 0, side;
 
-    for (i = 0; i < tree->block_count; i++) {
-        job->order[i] = (uint32_t)i;
-        job->probability[i] = envsamp__block_q(&tree->blocks[i]);
+    for (c = 0; c < cut_count; c++)
+        parity[c] = c ? 2 : 0;
+    for (c = 0; c < cut_count; c++) {           /* children come after their parents */
+        even += parity[c] == 0;
+        even -= parity[c] == 1;
+        for (side = 0; side < 2 && parity[c] < 2; side++)
+            if (envsamp__linked_cut(tree, tree->cuts[c].child[side]))
+                parity[tree->cuts[c].child[side]] = 1 - parity[c];
     }
-    envsamp__round_draws(job->probability, tree->block_count, job->draws);
-    for (i = 0; i < tree->block_count; i++)
-        job->probability[i] = (double)job->draws[i] / (double)ENVSAMP__UNIT;
-    kd->drawn_count = (uint32_t)tree->block_count;
+    return cut_count == 0 || tree->cuts[0].axis < 0 || even > 1;
 }
 
+static float envsamp__tree_cut(const envsamp__map *map, const envsamp__cut *cut)
+{
+    if (!cut)
+        return 0.0f;
+    return envsamp__node_cut(map->mapping, envsamp__stored_edge(map, cut->at, cut->axis),
+                             cut->axis);
+}
+
+/* What is below the top of a node on one side. A child that is to become a node is its cut in the
+   tree until then, and in a list: `pending` is the place in the table, in words, of the first, or
+   0, and job->order[cut] of the one after it. */
+static void envsamp__write_half(envsamp_kd_job *job, envsamp__pdf_node *node, int side,
+                                uint32_t link)
+{
+    const envsamp__tree *tree = &job->tree;
+    const envsamp__cut *cut = envsamp__linked_cut(tree, link);
+    int i;
+
+    node->cut[1 + side] = envsamp__tree_cut(tree->map, cut);
+    for (i = 0; i < 2; i++) {
+        uint32_t below = cut ? cut->child[i] : link, *child = &node->child[2 * side + i];
+
+        if (envsamp__linked_cut(tree, below)) {
+            *child = below;
+            job->order[below] = job->pending;
+            job->pending = (uint32_t)((char *)child - (char *)job->base.table) / 4;
+        } else {
+            while (!(below & ENVSAMP__LEAF))
+                below = tree->cuts[below].child[0];
+            *child = envsamp__float_bits(job->density[below & ~ENVSAMP__LEAF]);
+        }
+    }
+}
+
+static void envsamp__write_pdf_nodes(envsamp_kd_job *job, envsamp_kd *kd)
+{
+    envsamp__pdf_node *node = ENVSAMP__ARRAY_OUT(envsamp__pdf_node, kd, nodes);
+    uint32_t *child;
+    const envsamp__cut *cut = envsamp__odd_depths(job) ? NULL : job->tree.cuts;
+
+    for (;; node++) {
+        node->cut[0] = envsamp__tree_cut(job->tree.map, cut);
+        if (cut)
+            envsamp__write_half(job, node, 0, cut->child[0]);
+        envsamp__write_half(job, node, 1, cut ? cut->child[1] : envsamp__root(&job->tree));
+        if (!job->pending)
+            return;
+        child = ENVSAMP__LINKED_OUT(uint32_t, kd, job->pending);
+        cut = &job->tree.cuts[*child];
+        job->pending = job->order[*child];
+        *child = ENVSAMP__INNER | (uint32_t)((char *)(node + 1) - (char *)kd) / 4;
+    }
+}
+
+/* The deepest link below `link` whose region holds some cells of the grid, which have exact
+   edges: so it is right for every point that falls in them. */
+static uint32_t envsamp__cell_link(const envsamp_kd *kd, uint32_t link, uint32_t x, uint32_t y,
+                                   uint32_t width, uint32_t height)
+{
+    float across = 4.0f / (float)(1u << kd->grid_bits_x);
+    float down = envsamp__polar_end(kd->mapping) / (float)(1u << kd->grid_bits_y);
+    float low[2], high[2];
+
+    low[0] = across * (float)x;
+    low[1] = down * (float)y;
+    high[0] = across * (float)(x + width);
+    high[1] = down * (float)(y + height);
+    while (link & ENVSAMP__INNER) {
+        const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, link);
+        int at = 0;
+
+        while (at < 3) {
+            int axis = envsamp__sign(node->cut[at]);
+            float cut = ENVSAMP_FABSF(node->cut[at]);
+
+            if (cut > low[axis] && cut < high[axis])
+                return link;
+            at = 2 * at + 1 + (cut <= low[axis]);
+        }
+        link = node->child[at - 3];
+    }
+    return link;
+}
+
+/* Rows of cells [y0, y1). Squares of up to 8 by 8 cells come first and save their cells the way
+   down to them. */
+static void envsamp__write_grid(envsamp_kd *kd, uint32_t y0, uint32_t y1)
+{
+    uint32_t *grid = ENVSAMP__ARRAY_OUT(uint32_t, kd, grid), columns = 1u << kd->grid_bits_x, x, y;
+    uint32_t wide = columns < 8 ? columns : 8, link = 0;
+
+    for (x = 0; x < columns; x++) {
+        if (x % wide == 0)
+            link = envsamp__cell_link(kd, ENVSAMP__INNER | kd->nodes_at / 4, x, y0, wide, y1 - y0);
+        for (y = y0; y < y1; y++)
+            grid[(y << kd->grid_bits_x) + x] = envsamp__cell_link(kd, link, x, y, 1, 1);
+    }
+}
+
+/* ---- blocks of WARP ---- */
+
+ENVSAMP__MATH envsamp__warp_region envsamp__tile_region(const envsamp_kd *kd, uint32_t tile)
+{
+    envsamp__warp_region r = { 0, { 0.0f, 0.0f }, { 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f, 0.0f } };
+
+    r.edges = ENVSAMP__RECORDS(kd)[tile].edges;
+    r.link = ENVSAMP__RECORDS(kd)[tile].link;
+    return r;
+}
+
+/* Its area, of the whole unit square: the probability of what is below it. */
+static double envsamp__region_area(const envsamp_kd *kd, const envsamp__warp_region *r)
+{
+    return ((double)r->high[0] - (double)r->low[0]) * ((double)r->high[1] - (double)r->low[1])
+         / (double)envsamp__tile_count(kd);
+}
+
+/* Makes a region the lower or the higher side of its cut, but for the link. */
+ENVSAMP__MATH void envsamp__region_side(envsamp__warp_region *r, const envsamp__sample_node *node,
+                                       int high)
+{
+    int axis = envsamp__sign(node->cut);
+
+    *(high ? &r->low[axis] : &r->high[axis]) = ENVSAMP_FABSF(node->cut);
+    *(axis ? high ? &r->edges.y0 : &r->edges.y1 : high ? &r->edges.x0 : &r->edges.x1) = node->edge;
+}
+
+/* The same of a region of a table. */
+ENVSAMP__MATH void envsamp__take_side(const envsamp_kd *kd, envsamp__warp_region *r, int high)
+{
+    const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, r->link);
+
+    envsamp__region_side(r, node, high);
+    r->link = node->child[high];
+}
+
+/* ---- writing WARP ---- */
+
+/* Weight of a block that is lit, however little: zero would leave its light unsampled. */
+static double envsamp__lit_weight(const envsamp__block *block, double weight)
+{
+    return block->whole.peak > 0.0f && weight < DBL_MIN ? DBL_MIN : weight;
+}
+
+static double envsamp__block_q(const envsamp__block *b)
+{
+    return envsamp__lit_weight(b, envsamp__q(envsamp__block_sr(b), b->whole.square));
+}
+
+/* Q of what a link of the tree leads to. */
+static double envsamp__link_q(const envsamp__tree *tree, const double *q, uint32_t link)
+{
+    return link & ENVSAMP__LEAF ? envsamp__block_q(&tree->blocks[link & ~ENVSAMP__LEAF]) : q[link];
+}
+
+/* Adds what a block costs that has a density. */
+static void envsamp__add_cost(envsamp_kd_job *job, const envsamp__block *b, double pdf)
+{
+    envsamp_kd *kd = (envsamp_kd *)job->base.table;
+
+    if (pdf > 0.0) {
+        job->second += b->whole.square / pdf;
+        kd->max_ratio = envsamp__max(kd->max_ratio, (double)b->whole.peak
+                                                    / (pdf * job->base.map.integral));
+    }
+}
+
+/* Writes the cut of a part and sets its two sides. It divides the part's units of 2^-24 in
+   proportion to Q but for rounding: a lit side gets one at least, a black one none. Where there are
+   too few, the part becomes one block: returns 0, and both sides are the part itself. */
+static int envsamp__write_cut(envsamp_kd_job *job, const envsamp_kd *kd, const envsamp__part *p,
+                              envsamp__sample_node *node, envsamp__part *low, envsamp__part *high)
+{
+    envsamp__cut *cut = &job->tree.cuts[p->r.link];
+    int axis = cut->axis;
+    float side = (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+    uint32_t units = (uint32_t)((p->r.high[axis] - p->r.low[axis]) * side), cut_at;
+    double low_q = envsamp__link_q(&job->tree, job->probability, cut->child[0]);
+    double high_q = envsamp__link_q(&job->tree, job->probability, cut->child[1]);
+
+    *low = *high = *p;
+    low->r.link = cut->child[0];
+    high->r.link = cut->child[1];
+    if (p->is_merged || (low_q > 0.0 && high_q > 0.0 && units < 2)) {
+        job->leaf_count += !p->is_merged;
+        low->is_merged = high->is_merged = 1;
+        cut->axis = -1;
+        return 0;
+    }
+    cut_at = (uint32_t)((low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5) * (double)units
+                        + 0.5);
+    if (low_q > 0.0 && cut_at < 1)
+        cut_at = 1;
+    if (high_q > 0.0 && cut_at > units - 1)
+        cut_at = units - 1;
+    node->cut = envsamp__with_sign(p->r.low[axis] + (float)cut_at / side, axis);
+    node->edge = envsamp__stored_edge(job->tree.map, cut->at, axis);
+    envsamp__region_side(&low->r, node, 0);
+    envsamp__region_side(&high->r, node, 1);
+    low->child = &node->child[0];
+    high->child = &node->child[1];
+    return 1;
+}
+
+/* The tile in column at[0], row at[1] of the grid over the unit square: the way down the crown. */
+static envsamp__warp_region envsamp__find_tile(const envsamp__tree *tree, const envsamp_kd *kd,
+                                               const uint32_t at[2])
+{
+    uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
+    envsamp__warp_region r = { 0, { 0.0f, 0.0f }, { 1.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f } };
+    int level;
+
+    r.link = envsamp__root(tree);
+    if (kd->mapping == ENVSAMP_LATLONG)
+        r.edges.y1 = -0.0f;
+    for (level = 0; level < tree->tile_bits; level++) {
+        const envsamp__cut *cut = &tree->cuts[r.link];
+        uint32_t side = at[cut->axis] >> --bits[cut->axis] & 1;
+        float edge = envsamp__stored_edge(tree->map, cut->at, cut->axis);
+
+        *(cut->axis ? side ? &r.edges.y0 : &r.edges.y1
+                    : side ? &r.edges.x0 : &r.edges.x1) = edge;
+        r.link = cut->child[side];
+    }
+    return r;
+}
+
+/* Tile i, and all below it. The density of a block is the area of its place in the unit square over
+   its solid angle. */
+static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
+{
+    envsamp__record *tile = (envsamp__record *)(void *)((char *)kd + sizeof *kd) + i;
+    envsamp__part *stack = job->parts;
+    uint32_t at[2];
+    int top = 1;
+
+    at[0] = i & ((1u << kd->tile_bits_x) - 1);
+    at[1] = i >> kd->tile_bits_x;
+    stack[0].r = envsamp__find_tile(&job->tree, kd, at);
+    stack[0].child = &tile->link;
+    stack[0].is_merged = 0;
+    tile->edges = stack[0].r.edges;
+    while (top > 0) {
+        envsamp__part part = stack[--top];
+        uint32_t place = envsamp__cut_place(kd, job->cut_count);
+
+        if (part.r.link & ENVSAMP__LEAF) {
+            uint32_t block = part.r.link & ~ENVSAMP__LEAF;
+            float pdf = (float)(envsamp__region_area(kd, &part.r)
+                                / envsamp__edges_sr(kd->mapping, &part.r.edges));
+
+            *part.child = envsamp__float_bits(pdf);
+            job->density[block] = pdf;
+            job->leaf_count += !part.is_merged;
+            envsamp__add_cost(job, &job->tree.blocks[block], (double)pdf);
+        } else {
+            if (envsamp__write_cut(job, kd, &part,
+                                   ENVSAMP__LINKED_OUT(envsamp__sample_node, kd, place),
+                                   &stack[top + 1], &stack[top])) {
+                *part.child = ENVSAMP__INNER | place;
+                job->cut_count++;
+            }
+            top += 2;
+        }
+    }
+}
+
+/* ---- the build ---- */
+
+/* Sorts blocks by their weights, fits the model, and takes their probabilities from it. */
 static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__tree *tree = &job->tree;
@@ -4366,13 +4301,9 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
                          job->lm_scratch };
     envsamp__fit_point best;
     double *key = job->probability, total = 0.0, gamma, low, error;
-    int chi2 = job->desc.objective == ENVSAMP_KD_CHI2, i;
+    int i;
 
     for (i = 0; i < tree->block_count; i++) {
-        const envsamp__block *b = &tree->blocks[i];
-
-        key[i] = chi2 ? envsamp__block_q(b) : envsamp__lit_weight(b, b->whole.sum);
-        job->order[i] = (uint32_t)i;
         total += key[i];
         fit.count += key[i] > 0.0;
     }
@@ -4403,12 +4334,11 @@ static double envsamp__excess(double second, double integral)
     return envsamp__max(second / integral / integral - 1.0, 0.0);
 }
 
-/* ALIAS and FIT: edges and densities in the order of the table, and what they cost together. */
+/* ALIAS and FIT: edges and densities in the order of the table. */
 static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__map *map = &job->base.map;
     envsamp__record *record = (envsamp__record *)(void *)((char *)kd + sizeof *kd);
-    double second = 0.0;
     uint32_t i;
 
     for (i = 0; i < kd->block_count; i++, record++) {
@@ -4425,63 +4355,72 @@ static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
                                (double)FLT_MIN);
         job->density[number] = (float)pdf;
         record->link = envsamp__float_bits((float)pdf);
-        envsamp__add_cost(&b->whole, pdf, map->integral, &second, &kd->max_ratio);
+        envsamp__add_cost(job, b, pdf);
     }
-    kd->excess_variance = envsamp__excess(second, map->integral);
 }
 
-/* What draws the blocks; WARP: one more tile, after the last where the other arrays are. Returns 0
-   when all is written. */
-static int envsamp__write_samples(envsamp_kd_job *job, envsamp_kd *kd, uint32_t tile)
+/* All arrays but the grid; WARP: one more tile, after the last the others. Returns 0 at the end. */
+static int envsamp__write_arrays(envsamp_kd_job *job, envsamp_kd *kd, uint32_t item)
 {
-    envsamp__warp_writer *w = &job->writer;
-    uint32_t tiles = envsamp__tile_count(kd);
-
     if (kd->select != ENVSAMP_KD_WARP) {
-        envsamp__kd_layout(kd);
         envsamp__write_blocks(job, kd);
-        if (kd->select == ENVSAMP_KD_ALIAS)
-            envsamp__alias_build(job->draws, job->tree.block_count, (int)kd->alias_shift,
-                                 ENVSAMP__ARRAY_OUT(uint32_t, kd, alias), job->stack);
-        return 0;
+    } else {
+        envsamp__write_tile(job, kd, item);
+        if (item + 1 < envsamp__tile_count(kd))
+            return 1;
+        kd->block_count = kd->drawn_count = job->leaf_count;
     }
-    envsamp__write_tile(w, tile);
-    if (tile + 1 < tiles)
-        return 1;
-    kd->block_count = kd->drawn_count = w->leaf_count;
-    kd->excess_variance = envsamp__excess(w->second, job->base.map.integral);
-    kd->max_ratio = w->max_ratio;
+    kd->excess_variance = envsamp__excess(job->second, job->base.map.integral);
     envsamp__kd_layout(kd);
+    if (kd->select == ENVSAMP_KD_ALIAS)
+        envsamp__alias_build(job->draws, job->tree.block_count, (int)kd->alias_shift,
+                             ENVSAMP__ARRAY_OUT(uint32_t, kd, alias), job->stack);
+    envsamp__write_pdf_nodes(job, kd);
     return 0;
 }
 
-/* How often blocks are drawn. */
+/* What the header says of the build, and how often blocks are drawn. */
 static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__source *source = &job->base.source;
+    const envsamp_kd_desc *desc = &job->desc;
     envsamp__tree *tree = &job->tree;
     double *q = job->probability;
-    int i;
+    int fit_l1 = desc->select == ENVSAMP_KD_FIT && desc->objective != ENVSAMP_KD_CHI2, i;
 
+    kd->version = ENVSAMP__KD_VERSION;
+    kd->select = desc->select;
+    kd->model = desc->model;
+    kd->criterion = desc->criterion;
+    kd->mapping = source->image.mapping;
+    kd->width = (uint32_t)source->image.width;
+    kd->height = (uint32_t)source->image.height;
+    kd->bilinear = !desc->nearest;
     kd->integral = source->compensation > 0.0f ? source->integral : tree->map->integral;
     kd->mis_compensation = source->compensation;
     kd->bad_pixel_count = source->bad_pixel_count;
-    kd->block_count = (uint32_t)tree->block_count;
-    if (kd->select == ENVSAMP_KD_ALIAS) {
-        envsamp__choose_alias(job, kd);
-    } else if (kd->select == ENVSAMP_KD_FIT) {
-        envsamp__choose_fit(job, kd);
-    } else {
-        job->writer.tree = tree;
-        job->writer.q = q;
-        job->writer.kd = kd;
-        job->writer.density = job->density;
+    kd->block_count = kd->drawn_count = (uint32_t)tree->block_count;
+    if (kd->select == ENVSAMP_KD_WARP) {
         for (i = tree->block_count - 2; i >= 0; i--)    /* children come after their parents */
             q[i] = envsamp__link_q(tree, q, tree->cuts[i].child[0])
                  + envsamp__link_q(tree, q, tree->cuts[i].child[1]);
         kd->tile_bits_x = (uint32_t)envsamp__crown_columns(tree, tree->tile_bits);
         kd->tile_bits_y = (uint32_t)tree->tile_bits - kd->tile_bits_x;
+        return;
     }
+    for (i = 0; i < tree->block_count; i++) {
+        const envsamp__block *b = &tree->blocks[i];
+
+        job->order[i] = (uint32_t)i;
+        q[i] = fit_l1 ? envsamp__lit_weight(b, b->whole.sum) : envsamp__block_q(b);
+    }
+    if (kd->select == ENVSAMP_KD_FIT) {
+        envsamp__choose_fit(job, kd);
+        return;
+    }
+    envsamp__round_draws(q, tree->block_count, job->draws);
+    for (i = 0; i < tree->block_count; i++)
+        q[i] = (double)job->draws[i] / (double)ENVSAMP__UNIT;
 }
 
 /* A description with the numbers that its zeros mean. */
@@ -4499,21 +4438,6 @@ static envsamp_kd_desc envsamp__kd_filled(const envsamp_kd_desc *desc)
 
 ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void) { return envsamp__kd_filled(NULL); }
 
-/* What a table says of its build from the start. */
-static void envsamp__kd_head(envsamp_kd *kd, const envsamp_image *image,
-                             const envsamp_kd_desc *desc)
-{
-    ENVSAMP_MEMSET(kd, 0, sizeof *kd);
-    kd->version = ENVSAMP__KD_VERSION;
-    kd->select = desc->select;
-    kd->model = desc->model;
-    kd->criterion = desc->criterion;
-    kd->mapping = image->mapping;
-    kd->width = (uint32_t)image->width;
-    kd->height = (uint32_t)image->height;
-    kd->bilinear = !desc->nearest;
-}
-
 ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_sizes *sizes)
 {
@@ -4525,10 +4449,18 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
 
     if (result != ENVSAMP_OK)
         return result;
-    if (!envsamp__kd_desc_valid(&filled))
+    if (filled.block_count < 1 || filled.block_count > 1048576
+        || (uint32_t)filled.select > ENVSAMP_KD_FIT
+        || (uint32_t)filled.criterion > ENVSAMP_KD_RANGE
+        || (uint32_t)filled.model > ENVSAMP_KD_POWER
+        || (uint32_t)filled.objective > ENVSAMP_KD_CHI2
+        || !envsamp__in_range(filled.mis_compensation, 0.0f, 1.0f) || filled.facing
+        || !envsamp__is_zero(filled.excess_target)
+        || !envsamp__is_zero(filled.importance_exponent))
         return ENVSAMP_ERR_PARAM;
     envsamp__kd_carve(&job, image, &filled, &arena);
-    envsamp__kd_head(&layout, image, &filled);
+    ENVSAMP_MEMSET(&layout, 0, sizeof layout);
+    layout.select = filled.select;
     layout.block_count = (uint32_t)job.block_limit;
     if (filled.select == ENVSAMP_KD_WARP)
         layout.tile_bits_x = (uint32_t)envsamp__most_tile_bits(job.block_limit);
@@ -4536,46 +4468,43 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
 
-/* Makes row `item` of the level of the pyramid that is being made. */
-static int envsamp__pyramid_row(envsamp_kd_job *job, int item)
+/* All phases of kd. Returns 0 at the end of one. */
+static int envsamp__kd_work(void *work, int item)
 {
-    envsamp__map *map = &job->base.map;
-    envsamp__level *level = &map->levels[job->level];
+    envsamp_kd_job *job = (envsamp_kd_job *)work;
+    envsamp__job *base = &job->base;
+    envsamp_kd *kd = (envsamp_kd *)base->table;
+    envsamp__map *map = &base->map;
+    envsamp__tree *tree = &job->tree;
+    envsamp__level *level;
+    uint32_t rows, high;
     int x;
 
-    if (job->level >= map->level_count)
-        return 0;
-    for (x = 0; x < level->width; x++)
-        level->cells[(size_t)item * (size_t)level->width + (size_t)x] =
-            envsamp__merge_cells(map, level - 1, x, item);
-    if (item + 1 == level->height) {
-        job->level++;
-        job->base.next = 0;
-    }
-    return 1;
-}
-
-/* Items that make the pyramid and cut the map into blocks. Returns 0 at the end of a phase. */
-static int envsamp__kd_split(envsamp_kd_job *job, int item)
-{
-    envsamp__map *map = &job->base.map;
-    envsamp__tree *tree = &job->tree;
-    int warp = job->desc.select == ENVSAMP_KD_WARP;
-
-    switch (job->base.phase) {
+    switch (base->phase) {
     case ENVSAMP__ROWS:
-        job->base.result = envsamp__map_row(map, &job->base.source, item);
+        base->result = envsamp__map_row(map, &base->source, item);
         if (item + 1 < map->image_height)
             return 1;
-        if (job->base.result == ENVSAMP_OK && !(map->integral > 0.0))
-            job->base.result = ENVSAMP_ERR_BLACK;
+        if (base->result == ENVSAMP_OK && !(map->integral > 0.0))
+            base->result = ENVSAMP_ERR_BLACK;
         job->level = 2;
         return 0;
     case ENVSAMP__PYRAMID:
-        return envsamp__pyramid_row(job, item);
+        if (job->level >= map->level_count)
+            return 0;
+        level = &map->levels[job->level];
+        for (x = 0; x < level->width; x++)
+            level->cells[(size_t)item * (size_t)level->width + (size_t)x] =
+                envsamp__merge_cells(map, level - 1, x, item);
+        if (item + 1 == level->height) {
+            job->level++;
+            base->next = 0;
+        }
+        return 1;
     case ENVSAMP__CROWN:
         if (item == 0)
-            envsamp__crown_begin(tree, warp ? envsamp__most_tile_bits(job->block_limit) : 0);
+            envsamp__crown_begin(tree, job->desc.select == ENVSAMP_KD_WARP
+                                       ? envsamp__most_tile_bits(job->block_limit) : 0);
         return envsamp__crown_step(tree);
     case ENVSAMP__TILES:
         if (item + 1 < tree->block_count)
@@ -4585,40 +4514,22 @@ static int envsamp__kd_split(envsamp_kd_job *job, int item)
         return item + 1 < tree->block_count;
     case ENVSAMP__SPLITS:
         return envsamp__split_step(tree, job->block_limit);
-    default:
+    case ENVSAMP__MOMENTS:
         if (item + 2 < tree->block_count && tree->blocks[item + 2].rough)
             envsamp__prefetch(tree, &tree->blocks[item + 2].rect);
         if (tree->blocks[item].rough)
             tree->blocks[item].whole = envsamp__rect_moments(map, &tree->blocks[item].rect);
         return item + 1 < tree->block_count;
-    }
-}
-
-static int envsamp__kd_work(void *work, int item)
-{
-    envsamp_kd_job *job = (envsamp_kd_job *)work;
-    envsamp_kd *kd = (envsamp_kd *)job->base.table;
-    envsamp__pdf_writer nodes = { &job->tree, kd, NULL, NULL, 0 };
-    uint32_t rows, high;
-
-    switch (job->base.phase) {
     case ENVSAMP__PROBABILITIES:
         envsamp__choose(job, kd);
         return 0;
     case ENVSAMP__WRITE:
-        if (envsamp__write_samples(job, kd, (uint32_t)item))
-            return 1;
-        nodes.density = job->density;
-        nodes.next = job->order;
-        envsamp__write_pdf_nodes(&nodes);
-        return 0;
-    case ENVSAMP__GRID:
+        return envsamp__write_arrays(job, kd, (uint32_t)item);
+    default:
         rows = 1u << kd->grid_bits_y;
         high = rows < 8 ? rows : 8;
         envsamp__write_grid(kd, (uint32_t)item * high, (uint32_t)(item + 1) * high);
         return (uint32_t)(item + 1) * high < rows;
-    default:
-        return envsamp__kd_split(job, item);
     }
 }
 
@@ -4643,7 +4554,6 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
     *job = (envsamp_kd_job *)scratch.data;
     envsamp__kd_carve(*job, image, &filled, &arena);
     ENVSAMP_MEMSET(table.data, 0, sizes.table_bytes);
-    envsamp__kd_head((envsamp_kd *)table.data, image, &filled);
     envsamp__job_start(&(*job)->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user,
                        filled.strict);
     return ENVSAMP_OK;
@@ -4717,12 +4627,13 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
     return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);
 }
 
-/* A density that is finite, or a place from `low` on and before `end`. */
+/* A density that is finite, or a place of a node from `low` on and before `end`. */
 static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t end)
 {
     uint32_t at = link & ~ENVSAMP__INNER;
 
-    return link & ENVSAMP__INNER ? at >= low && at < end : link < 0x7f800000u;
+    return link & ENVSAMP__INNER ? at >= low && at < end && (at - low) % 7 == 0
+                                 : link < 0x7f800000u;
 }
 
 /* ALIAS and FIT: blocks inside the map, with finite densities, and bins that name blocks. */
@@ -4745,13 +4656,6 @@ static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
     return 1;
 }
 
-/* The same of a density node: at a multiple of its size from the first. */
-static int envsamp__node_link_valid(uint32_t link, uint32_t low, uint32_t first, uint32_t end)
-{
-    return envsamp__link_valid(link, low, end)
-        && (!(link & ENVSAMP__INNER) || ((link & ~ENVSAMP__INNER) - first) % 7 == 0);
-}
-
 /* Children come after their parents, so every descent ends. */
 static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
 {
@@ -4761,38 +4665,12 @@ static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
 
     for (i = 0; first + 7 * i < end; i++)
         for (k = 0; k < 4; k++)
-            if (!envsamp__node_link_valid(nodes[i].child[k], first + 7 * (i + 1), first, end))
+            if (!envsamp__link_valid(nodes[i].child[k], first + 7 * (i + 1), end))
                 return 0;
     for (i = 0; i < 1u << (kd->grid_bits_x + kd->grid_bits_y); i++)
-        if (!envsamp__node_link_valid(grid[i], first, first, end))
+        if (!envsamp__link_valid(grid[i], first, end))
             return 0;
     return 1;
-}
-
-/* ---- blocks of WARP ---- */
-
-/* Part of a tile: in the tile's own unit square, in the map, and the link that leads to it. */
-typedef struct envsamp__warp_region { uint32_t link; float low[2], high[2]; envsamp__edges edges; }
-    envsamp__warp_region;
-
-ENVSAMP__MATH envsamp__warp_region envsamp__tile_region(const envsamp_kd *kd, uint32_t tile)
-{
-    envsamp__warp_region r = { 0, { 0.0f, 0.0f }, { 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f, 0.0f } };
-
-    r.edges = ENVSAMP__RECORDS(kd)[tile].edges;
-    r.link = ENVSAMP__RECORDS(kd)[tile].link;
-    return r;
-}
-
-/* Makes a region that is cut its lower or its higher side. */
-ENVSAMP__MATH void envsamp__take_side(const envsamp_kd *kd, envsamp__warp_region *r, int high)
-{
-    const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, r->link);
-    int axis = envsamp__sign(node->cut);
-
-    *(high ? &r->low[axis] : &r->high[axis]) = ENVSAMP_FABSF(node->cut);
-    *(axis ? high ? &r->edges.y0 : &r->edges.y1 : high ? &r->edges.x0 : &r->edges.x1) = node->edge;
-    r->link = node->child[high];
 }
 
 /* Whether a region has edges in the map and either a density, and, if that is above 0, a place in
@@ -5001,142 +4879,33 @@ ENVSAMP__HOT envsamp__point envsamp__warp_point(const float *f, const float *cut
                             (f[stride] - cut[2 * stride]) / (cut[3 * stride] - cut[2 * stride]));
 }
 
-ENVSAMP__HOT envsamp__point envsamp__warp_sample(const envsamp_kd *kd, float u0, float u1,
-                                                 float *pdf)
-{
-    float f[2], cut[4], edge[4];
-    uint32_t link;
-
-    f[0] = u0;
-    f[1] = u1;
-    link = envsamp__warp_start(kd, f, cut, edge, 1);
-    while (link & ENVSAMP__INNER)
-        link = envsamp__warp_step(kd, link, f, cut, edge, 1);
-    *pdf = envsamp__bits_float(link);
-    return envsamp__warp_point(f, cut, edge, 1);
-}
-
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0,
                                                             float u1)
 {
+    float f[2], cut[4], edge[4], pdf;
     envsamp__point p;
-    float pdf;
+    uint32_t link;
 
     ENVSAMP_ASSERT(kd);
-    u0 = envsamp__clamp_unit(u0);
-    u1 = envsamp__clamp_unit(u1);
-    p = kd->select == ENVSAMP_KD_WARP ? envsamp__warp_sample(kd, u0, u1, &pdf)
-      : envsamp__indexed_sample(kd, kd->select == ENVSAMP_KD_ALIAS, u0, u1, &pdf);
+    f[0] = envsamp__clamp_unit(u0);
+    f[1] = envsamp__clamp_unit(u1);
+    if (kd->select != ENVSAMP_KD_WARP) {
+        p = envsamp__indexed_sample(kd, kd->select == ENVSAMP_KD_ALIAS, f[0], f[1], &pdf);
+    } else {
+        link = envsamp__warp_start(kd, f, cut, edge, 1);
+        while (link & ENVSAMP__INNER)
+            link = envsamp__warp_step(kd, link, f, cut, edge, 1);
+        pdf = envsamp__bits_float(link);
+        p = envsamp__warp_point(f, cut, edge, 1);
+    }
     return envsamp__point_sample(kd->mapping, p, pdf);
-}
-
-/* Points and densities of a batch: all x, all north, all south, all densities; before, of WARP, the
-   cuts that bound their blocks. */
-typedef struct envsamp__batch { float at[4 * ENVSAMP__BATCH]; } envsamp__batch;
-
-ENVSAMP__HOT void envsamp__batch_put(envsamp__batch *batch, int i, envsamp__point p, float pdf)
-{
-    batch->at[i] = p.x;
-    batch->at[ENVSAMP__BATCH + i] = p.north;
-    batch->at[2 * ENVSAMP__BATCH + i] = p.south;
-    batch->at[3 * ENVSAMP__BATCH + i] = pdf;
-}
-
-ENVSAMP__HOT void envsamp__indexed_batch(const envsamp_kd *kd, int alias, const float *u,
-                                         envsamp__batch *out)
-{
-    int i;
-
-    for (i = 0; i < ENVSAMP__BATCH; i++) {
-        float pdf;
-        envsamp__point p = envsamp__indexed_sample(kd, alias, u[i], u[ENVSAMP__BATCH + i], &pdf);
-
-        envsamp__batch_put(out, i, p, pdf);
-    }
-}
-
-/* Lists those of a batch whose link leads on; returns how many. */
-ENVSAMP__HOT int envsamp__under_way(const uint32_t *link, int *list)
-{
-    int count = 0, i;
-
-    for (i = 0; i < ENVSAMP__BATCH; i++) {
-        list[count] = i;
-        count += (int)(link[i] >> 31);
-    }
-    return count;
-}
-
-/* First the tiles of all, then, among those still on their way, one cut at a time. f: the numbers,
-   which become fractions of blocks. */
-ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, envsamp__batch *out)
-{
-    float *cut = out->at, edge[4 * ENVSAMP__BATCH];
-    uint32_t link[ENVSAMP__BATCH];
-    int list[ENVSAMP__BATCH], count, left, i, k;
-
-    for (i = 0; i < ENVSAMP__BATCH; i++)
-        link[i] = envsamp__warp_start(kd, f + i, cut + i, edge + i, ENVSAMP__BATCH);
-    for (count = envsamp__under_way(link, list); count > 0; count = left)
-        for (k = left = 0; k < count; k++) {
-            i = list[k];
-            link[i] = envsamp__warp_step(kd, link[i], f + i, cut + i, edge + i, ENVSAMP__BATCH);
-            list[left] = i;
-            left += (int)(link[i] >> 31);
-        }
-    for (i = 0; i < ENVSAMP__BATCH; i++)
-        envsamp__batch_put(out, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
-                           envsamp__bits_float(link[i]));
-}
-
-/* A function, not inlined: a whole batch at a time, and what is left filled up with zeros. */
-static void envsamp__sample_batch(const envsamp_kd *kd, const float *u0, const float *u1, float *x,
-                                  float *y, float *z, float *pdf)
-{
-    float u[2 * ENVSAMP__BATCH];
-    envsamp__batch batch;
-    int i;
-
-    for (i = 0; i < ENVSAMP__BATCH; i++) {
-        u[i] = envsamp__clamp_unit(u0[i]);
-        u[ENVSAMP__BATCH + i] = envsamp__clamp_unit(u1[i]);
-    }
-    if (kd->select == ENVSAMP_KD_WARP)
-        envsamp__warp_batch(kd, u, &batch);
-    else if (kd->select == ENVSAMP_KD_ALIAS)
-        envsamp__indexed_batch(kd, 1, u, &batch);
-    else
-        envsamp__indexed_batch(kd, 0, u, &batch);
-    envsamp__point_dirs(kd->mapping, ENVSAMP__BATCH, batch.at, x, y, z);
-    for (i = 0; i < ENVSAMP__BATCH; i++)
-        pdf[i] = batch.at[3 * ENVSAMP__BATCH + i];
-}
-
-ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
-                                     const float *u1, float *x, float *y, float *z, float *pdf)
-{
-    float in[2 * ENVSAMP__BATCH] = { 0.0f }, out[4 * ENVSAMP__BATCH];
-    size_t i, rest = n % ENVSAMP__BATCH, bytes = rest * sizeof *in;
-
-    ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
-    for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
-        envsamp__sample_batch(kd, u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
-    if (rest == 0)
-        return;
-    ENVSAMP_MEMCPY(in, u0 + i, bytes);
-    ENVSAMP_MEMCPY(in + ENVSAMP__BATCH, u1 + i, bytes);
-    envsamp__sample_batch(kd, in, in + ENVSAMP__BATCH, out, out + ENVSAMP__BATCH,
-                          out + 2 * ENVSAMP__BATCH, out + 3 * ENVSAMP__BATCH);
-    ENVSAMP_MEMCPY(x + i, out, bytes);
-    ENVSAMP_MEMCPY(y + i, out + ENVSAMP__BATCH, bytes);
-    ENVSAMP_MEMCPY(z + i, out + 2 * ENVSAMP__BATCH, bytes);
-    ENVSAMP_MEMCPY(pdf + i, out + 3 * ENVSAMP__BATCH, bytes);
 }
 
 /* ---- density ---- */
 
-/* The link of the grid at a place. */
-ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__l1_coords d)
+/* A place as the bits of its coordinates, and the link of the grid there. */
+ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__l1_coords d,
+                                         uint64_t *place)
 {
     float columns = (float)(1 << kd->grid_bits_x), rows = (float)(1 << kd->grid_bits_y);
     float scale = kd->mapping == ENVSAMP_HEMISPHERE ? rows : 0.5f * rows;
@@ -5144,12 +4913,8 @@ ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__l1_coord
     uint32_t row = envsamp__index(d.polar * scale, 1u << kd->grid_bits_y);
     int cell = (int)((row << kd->grid_bits_x) + column);
 
+    *place = envsamp__float_bits(d.azimuth) | (uint64_t)envsamp__float_bits(d.polar) << 32;
     return ENVSAMP__ARRAY(uint32_t, kd, grid)[cell] & (0u - (uint32_t)d.valid);
-}
-
-ENVSAMP__HOT uint64_t envsamp__coord_bits(envsamp__l1_coords d)
-{
-    return envsamp__float_bits(d.azimuth) | (uint64_t)envsamp__float_bits(d.polar) << 32;
 }
 
 #define ENVSAMP__STRIDES 2      /* nodes before a density asks whether it has arrived: each question
@@ -5177,16 +4942,15 @@ ENVSAMP__HOT uint32_t envsamp__node_step(const envsamp_kd *kd, uint32_t link, ui
 
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3])
 {
-    envsamp__l1_coords d;
     uint64_t place;
     uint32_t link;
+    float r;
     int i;
 
     ENVSAMP_ASSERT(kd && dir);
-    d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1], dir[2],
-                             ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
-    link = envsamp__grid_link(kd, d);
-    place = envsamp__coord_bits(d);
+    r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
+    link = envsamp__grid_link(kd, envsamp__dir_to_grid(kd->mapping, dir[0], dir[1], dir[2], r),
+                              &place);
     do {
         for (i = 0; i < ENVSAMP__STRIDES; i++)
             link ^= (link ^ envsamp__node_step(kd, link, place)) & (0u - (link >> 31));
@@ -5194,57 +4958,153 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
     return envsamp__bits_float(link);
 }
 
+/* ---- many at a time ---- */
+
+/* Points and densities of a batch: all x, all north, all south, all densities; before, of WARP, the
+   cuts that bound their blocks. */
+typedef struct envsamp__batch { float at[4 * ENVSAMP__BATCH]; } envsamp__batch;
+
+ENVSAMP__HOT void envsamp__batch_put(envsamp__batch *batch, int i, envsamp__point p, float pdf)
+{
+    batch->at[i] = p.x;
+    batch->at[ENVSAMP__BATCH + i] = p.north;
+    batch->at[2 * ENVSAMP__BATCH + i] = p.south;
+    batch->at[3 * ENVSAMP__BATCH + i] = pdf;
+}
+
+/* Follows the links of a batch to their densities, one step of each that is still under way at a
+   time: down the nodes at its place, or, if `place` is NULL, down the cuts, as warp_step. */
+ENVSAMP__HOT void envsamp__batch_walk(const envsamp_kd *kd, uint32_t *link, const uint64_t *place,
+                                      const float *f, float *cut, float *edge)
+{
+    uint32_t list[ENVSAMP__BATCH], count = 0, left, i, k;
+
+    for (i = 0; i < ENVSAMP__BATCH; i++) {
+        list[count] = i;
+        count += link[i] >> 31;
+    }
+    for (; count > 0; count = left)
+        for (k = left = 0; k < count; k++) {
+            i = list[k];
+            link[i] = place ? envsamp__node_step(kd, link[i], place[i])
+                    : envsamp__warp_step(kd, link[i], f + i, cut + i, edge + i, ENVSAMP__BATCH);
+            list[left] = i;
+            left += link[i] >> 31;
+        }
+}
+
+ENVSAMP__HOT void envsamp__indexed_batch(const envsamp_kd *kd, int alias, const float *u,
+                                         envsamp__batch *out)
+{
+    int i;
+
+    for (i = 0; i < ENVSAMP__BATCH; i++) {
+        float pdf;
+        envsamp__point p = envsamp__indexed_sample(kd, alias, u[i], u[ENVSAMP__BATCH + i], &pdf);
+
+        envsamp__batch_put(out, i, p, pdf);
+    }
+}
+
+/* f: the numbers, which become fractions of blocks. */
+ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, envsamp__batch *out)
+{
+    float *cut = out->at, edge[4 * ENVSAMP__BATCH];
+    uint32_t link[ENVSAMP__BATCH];
+    int i;
+
+    for (i = 0; i < ENVSAMP__BATCH; i++)
+        link[i] = envsamp__warp_start(kd, f + i, cut + i, edge + i, ENVSAMP__BATCH);
+    envsamp__batch_walk(kd, link, NULL, f, cut, edge);
+    for (i = 0; i < ENVSAMP__BATCH; i++)
+        envsamp__batch_put(out, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
+                           envsamp__bits_float(link[i]));
+}
+
+/* At most ENVSAMP__BATCH samples. Loops are over a whole batch, filled up with zeros: compilers
+   vectorise them. */
+static void envsamp__sample_batch(const envsamp_kd *kd, size_t n, const float *u0,
+                                  const float *u1, float *const out[4])
+{
+    float u[3 * ENVSAMP__BATCH], *y = u + ENVSAMP__BATCH, *z = y + ENVSAMP__BATCH;
+    envsamp__batch batch;
+    int i;
+
+    if (n < ENVSAMP__BATCH) {
+        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
+        u0 = (const float *)ENVSAMP_MEMCPY(batch.at, u0, n * sizeof *u);
+        u1 = (const float *)ENVSAMP_MEMCPY(batch.at + ENVSAMP__BATCH, u1, n * sizeof *u);
+    }
+    for (i = 0; i < ENVSAMP__BATCH; i++) {
+        u[i] = envsamp__clamp_unit(u0[i]);
+        y[i] = envsamp__clamp_unit(u1[i]);
+    }
+    if (kd->select == ENVSAMP_KD_WARP)
+        envsamp__warp_batch(kd, u, &batch);
+    else if (kd->select == ENVSAMP_KD_ALIAS)
+        envsamp__indexed_batch(kd, 1, u, &batch);
+    else
+        envsamp__indexed_batch(kd, 0, u, &batch);
+    envsamp__point_dirs(kd->mapping, ENVSAMP__BATCH, batch.at, u, y, z);
+    for (i = 0; i < 4; i++)
+        ENVSAMP_MEMCPY(out[i], i < 3 ? u + i * ENVSAMP__BATCH : batch.at + 3 * ENVSAMP__BATCH,
+                       n * sizeof *u);
+}
+
+ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
+                                     const float *u1, float *x, float *y, float *z, float *pdf)
+{
+    size_t i;
+
+    ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
+    for (i = 0; i < n; i += ENVSAMP__BATCH) {
+        float *const out[4] = { x + i, y + i, z + i, pdf + i };
+
+        envsamp__sample_batch(kd, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, u0 + i, u1 + i,
+                              out);
+    }
+}
+
 static void envsamp__pdf_batch(const envsamp_kd *kd, const float *x, const float *y,
                                const float *z, float *pdf)
 {
-    float r[ENVSAMP__BATCH];
+    float end = envsamp__polar_end(kd->mapping), r[ENVSAMP__BATCH];
     uint64_t place[ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
-    int list[ENVSAMP__BATCH], count, left, i, k;
+    int i;
 
     for (i = 0; i < ENVSAMP__BATCH; i++)
         r[i] = x[i] * x[i] + y[i] * y[i];
     envsamp__sqrt_n(r, ENVSAMP__BATCH);
-    for (i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++) {
-        envsamp__l1_coords d = envsamp__octahedral_grid(x[i], y[i], z[i], r[i]);
-
-        place[i] = envsamp__coord_bits(d);
-        link[i] = envsamp__grid_link(kd, d);
-    }
+    for (i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++)
+        link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, x[i], y[i], z[i],
+                                                              r[i]), &place[i]);
     for (i = 0; i < ENVSAMP__BATCH && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
         envsamp__l1_coords d = envsamp__to_l1_coords(x[i], y[i], z[i], r[i]);
 
-        d.valid &= d.polar <= envsamp__polar_end(kd->mapping);
-        place[i] = envsamp__coord_bits(d);
-        link[i] = envsamp__grid_link(kd, d);
+        d.valid &= d.polar <= end;
+        link[i] = envsamp__grid_link(kd, d, &place[i]);
     }
-    for (count = envsamp__under_way(link, list); count > 0; count = left)
-        for (k = left = 0; k < count; k++) {
-            i = list[k];
-            link[i] = envsamp__node_step(kd, link[i], place[i]);
-            list[left] = i;
-            left += (int)(link[i] >> 31);
-        }
-    for (i = 0; i < ENVSAMP__BATCH; i++)
-        pdf[i] = envsamp__bits_float(link[i]);
+    envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
+    ENVSAMP_MEMCPY(pdf, link, sizeof link);
 }
 
 ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
                                   const float *z, float *pdf)
 {
-    float in[3 * ENVSAMP__BATCH] = { 0.0f }, out[ENVSAMP__BATCH];
-    size_t i, rest = n % ENVSAMP__BATCH, bytes = rest * sizeof *in;
+    float in[4][ENVSAMP__BATCH] = { { 0.0f } };
+    size_t i, bytes = n % ENVSAMP__BATCH * sizeof **in;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
     for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
         envsamp__pdf_batch(kd, x + i, y + i, z + i, pdf + i);
-    if (rest == 0)
+    if (i == n)
         return;
-    ENVSAMP_MEMCPY(in, x + i, bytes);
-    ENVSAMP_MEMCPY(in + ENVSAMP__BATCH, y + i, bytes);
-    ENVSAMP_MEMCPY(in + 2 * ENVSAMP__BATCH, z + i, bytes);
-    envsamp__pdf_batch(kd, in, in + ENVSAMP__BATCH, in + 2 * ENVSAMP__BATCH, out);
-    ENVSAMP_MEMCPY(pdf + i, out, bytes);
+    ENVSAMP_MEMCPY(in[0], x + i, bytes);
+    ENVSAMP_MEMCPY(in[1], y + i, bytes);
+    ENVSAMP_MEMCPY(in[2], z + i, bytes);
+    envsamp__pdf_batch(kd, in[0], in[1], in[2], in[3]);
+    ENVSAMP_MEMCPY(pdf + i, in[3], bytes);
 }
 
 /* ---- inverse ---- */
@@ -5299,7 +5159,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
                              ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (kd->select != ENVSAMP_KD_WARP || !d.valid)
         return 0;
-    place = envsamp__coord_bits(d);
+    envsamp__grid_link(kd, d, &place);
     down.link = ENVSAMP__INNER | kd->nodes_at / 4;
     if (!envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]))
         envsamp__descend(kd, place, &down, &axis);      /* nothing above the root */
@@ -5359,9 +5219,8 @@ static uint32_t envsamp__blocks_before(const envsamp_kd *kd, uint32_t tile)
 /* Block `number` of WARP: counted tile by tile, below a tile by the order of the cuts. */
 static envsamp__warp_region envsamp__warp_block(const envsamp_kd *kd, uint32_t number)
 {
-    uint32_t tile = 0, past = envsamp__tile_count(kd);
-    envsamp__warp_region stack[ENVSAMP__WARP_DEPTH + 2];
-    int top = 1;
+    uint32_t tile = 0, past = envsamp__tile_count(kd), cuts;
+    envsamp__warp_region r;
 
     while (past - tile > 1) {
         uint32_t middle = tile + (past - tile) / 2;
@@ -5371,56 +5230,48 @@ static envsamp__warp_region envsamp__warp_block(const envsamp_kd *kd, uint32_t n
         else
             past = middle;
     }
-    stack[0] = envsamp__tile_region(kd, tile);
-    for (number -= envsamp__blocks_before(kd, tile); ; ) {
-        envsamp__warp_region *r = &stack[top - 1];
+    number -= envsamp__blocks_before(kd, tile);
+    cuts = envsamp__blocks_before(kd, past) - envsamp__blocks_before(kd, tile) - 1;
+    for (r = envsamp__tile_region(kd, tile); cuts > 0;) {
+        const uint32_t *child = ENVSAMP__LINKED(envsamp__sample_node, kd, r.link)->child;
+        uint32_t low = child[0] & ENVSAMP__INNER ? cuts - 1 : 0;    /* cuts of the lower child */
+        int high;
 
-        if (r->link & ENVSAMP__INNER) {
-            stack[top] = *r;
-            envsamp__take_side(kd, r, 1);
-            envsamp__take_side(kd, &stack[top++], 0);
-        } else if (number-- == 0) {
-            return *r;
-        } else {
-            top--;
-        }
+        if (low && child[1] & ENVSAMP__INNER)
+            low = (child[1] - child[0]) / ((uint32_t)sizeof(envsamp__sample_node) / 4);
+        high = number > low;
+        number -= high ? low + 1 : 0;
+        cuts = high ? cuts - 1 - low : low;
+        envsamp__take_side(kd, &r, high);
     }
+    return r;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number,
                                                 envsamp_kd_block *block)
 {
-    envsamp__edges edges;
-    double probability, sr;
+    envsamp__warp_region r;
+    double sr;
 
     if (!kd || !block)
         return ENVSAMP_ERR_NULL;
     if (number < 0 || number >= (int)kd->block_count)
         return ENVSAMP_ERR_PARAM;
-    if (kd->select == ENVSAMP_KD_WARP) {
-        envsamp__warp_region r = envsamp__warp_block(kd, (uint32_t)number);
-
-        edges = r.edges;
-        sr = envsamp__edges_sr(kd->mapping, &edges);
-        probability = ((double)r.high[0] - (double)r.low[0])
-                    * ((double)r.high[1] - (double)r.low[1]) / (double)envsamp__tile_count(kd);
-    } else {
-        const envsamp__record *record = ENVSAMP__RECORDS(kd) + number;
-
-        edges = record->edges;
-        sr = envsamp__edges_sr(kd->mapping, &edges);
-        probability = (double)envsamp__bits_float(record->link) * sr;
-    }
-    block->uv_min[0] = edges.x0;
-    block->uv_min[1] = envsamp__edge_v(kd->mapping, edges.y0);
-    block->uv_max[0] = edges.x1;
-    block->uv_max[1] = envsamp__edge_v(kd->mapping, edges.y1);
+    r = kd->select == ENVSAMP_KD_WARP ? envsamp__warp_block(kd, (uint32_t)number)
+                                      : envsamp__tile_region(kd, (uint32_t)number);
+    sr = envsamp__edges_sr(kd->mapping, &r.edges);
+    block->uv_min[0] = r.edges.x0;
+    block->uv_min[1] = envsamp__edge_v(kd->mapping, r.edges.y0);
+    block->uv_max[0] = r.edges.x1;
+    block->uv_max[1] = envsamp__edge_v(kd->mapping, r.edges.y1);
     if (block->uv_min[1] >= block->uv_max[1]) {     /* thinner than v in floats tells */
         block->uv_min[1] = envsamp__clamp_unit(block->uv_min[1]);
         block->uv_max[1] = envsamp__bits_float(envsamp__float_bits(block->uv_min[1]) + 1);
     }
     block->solid_angle = (float)sr;
-    block->probability = (float)probability;
+    block->probability = (float)(kd->select != ENVSAMP_KD_WARP
+                                 ? (double)envsamp__bits_float(r.link) * sr
+                                 : envsamp__region_area(kd, &r));
     return ENVSAMP_OK;
 }
 
@@ -5712,7 +5563,7 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     envsamp__cdf_share(job->mass, cdf->height, total, lit, edges, cdf->row_bits,
                        ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
     for (y = 0; y <= cdf->height; y++) {
-        float edge = envsamp__stored_edge(map, envsamp__y_edge(map, (int)y), 1);
+        float edge = envsamp__stored_edge(map, envsamp__cell_edge(map, (int)y, 1), 1);
 
         rows[y].north = envsamp__edge_pair(edge).north;
         rows[y].south = envsamp__edge_pair(edge).south;
