@@ -4916,12 +4916,13 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
     return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);
 }
 
-/* A density that is finite, or a place from `low` on and before `end`. */
+/* A density that is finite, or a place of a node from `low` on and before `end`. */
 static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t end)
 {
     uint32_t at = link & ~ENVSAMP__INNER;
 
-    return link & ENVSAMP__INNER ? at >= low && at < end : link < 0x7f800000u;
+    return link & ENVSAMP__INNER ? at >= low && at < end && (at - low) % 7 == 0
+                                 : link < 0x7f800000u;
 }
 
 /* ALIAS and FIT: blocks inside the map, with finite densities, and bins that name blocks. */
@@ -4974,6 +4975,13 @@ ENVSAMP__MATH envsamp__warp_region envsamp__tile_region(const envsamp_kd *kd, ui
     r.edges = ENVSAMP__RECORDS(kd)[tile].edges;
     r.link = ENVSAMP__RECORDS(kd)[tile].link;
     return r;
+}
+
+/* Its area, of the whole unit square: the probability of what is below it. */
+static double envsamp__region_area(const envsamp_kd *kd, const envsamp__warp_region *r)
+{
+    return ((double)r->high[0] - (double)r->low[0]) * ((double)r->high[1] - (double)r->low[1])
+         / (double)envsamp__tile_count(kd);
 }
 
 /* Makes a region that is cut its lower or its higher side. */
@@ -5193,142 +5201,33 @@ ENVSAMP__HOT envsamp__point envsamp__warp_point(const float *f, const float *cut
                             (f[stride] - cut[2 * stride]) / (cut[3 * stride] - cut[2 * stride]));
 }
 
-ENVSAMP__HOT envsamp__point envsamp__warp_sample(const envsamp_kd *kd, float u0, float u1,
-                                                 float *pdf)
-{
-    float f[2], cut[4], edge[4];
-    uint32_t link;
-
-    f[0] = u0;
-    f[1] = u1;
-    link = envsamp__warp_start(kd, f, cut, edge, 1);
-    while (link & ENVSAMP__INNER)
-        link = envsamp__warp_step(kd, link, f, cut, edge, 1);
-    *pdf = envsamp__bits_float(link);
-    return envsamp__warp_point(f, cut, edge, 1);
-}
-
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd, float u0,
                                                             float u1)
 {
+    float f[2], cut[4], edge[4], pdf;
     envsamp__point p;
-    float pdf;
+    uint32_t link;
 
     ENVSAMP_ASSERT(kd);
-    u0 = envsamp__clamp_unit(u0);
-    u1 = envsamp__clamp_unit(u1);
-    p = kd->select == ENVSAMP_KD_WARP ? envsamp__warp_sample(kd, u0, u1, &pdf)
-      : envsamp__indexed_sample(kd, kd->select == ENVSAMP_KD_ALIAS, u0, u1, &pdf);
+    f[0] = envsamp__clamp_unit(u0);
+    f[1] = envsamp__clamp_unit(u1);
+    if (kd->select != ENVSAMP_KD_WARP) {
+        p = envsamp__indexed_sample(kd, kd->select == ENVSAMP_KD_ALIAS, f[0], f[1], &pdf);
+    } else {
+        link = envsamp__warp_start(kd, f, cut, edge, 1);
+        while (link & ENVSAMP__INNER)
+            link = envsamp__warp_step(kd, link, f, cut, edge, 1);
+        pdf = envsamp__bits_float(link);
+        p = envsamp__warp_point(f, cut, edge, 1);
+    }
     return envsamp__point_sample(kd->mapping, p, pdf);
-}
-
-/* Points and densities of a batch: all x, all north, all south, all densities; before, of WARP, the
-   cuts that bound their blocks. */
-typedef struct envsamp__batch { float at[4 * ENVSAMP__BATCH]; } envsamp__batch;
-
-ENVSAMP__HOT void envsamp__batch_put(envsamp__batch *batch, int i, envsamp__point p, float pdf)
-{
-    batch->at[i] = p.x;
-    batch->at[ENVSAMP__BATCH + i] = p.north;
-    batch->at[2 * ENVSAMP__BATCH + i] = p.south;
-    batch->at[3 * ENVSAMP__BATCH + i] = pdf;
-}
-
-ENVSAMP__HOT void envsamp__indexed_batch(const envsamp_kd *kd, int alias, const float *u,
-                                         envsamp__batch *out)
-{
-    int i;
-
-    for (i = 0; i < ENVSAMP__BATCH; i++) {
-        float pdf;
-        envsamp__point p = envsamp__indexed_sample(kd, alias, u[i], u[ENVSAMP__BATCH + i], &pdf);
-
-        envsamp__batch_put(out, i, p, pdf);
-    }
-}
-
-/* Lists those of a batch whose link leads on; returns how many. */
-ENVSAMP__HOT int envsamp__under_way(const uint32_t *link, int *list)
-{
-    int count = 0, i;
-
-    for (i = 0; i < ENVSAMP__BATCH; i++) {
-        list[count] = i;
-        count += (int)(link[i] >> 31);
-    }
-    return count;
-}
-
-/* First the tiles of all, then, among those still on their way, one cut at a time. f: the numbers,
-   which become fractions of blocks. */
-ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, envsamp__batch *out)
-{
-    float *cut = out->at, edge[4 * ENVSAMP__BATCH];
-    uint32_t link[ENVSAMP__BATCH];
-    int list[ENVSAMP__BATCH], count, left, i, k;
-
-    for (i = 0; i < ENVSAMP__BATCH; i++)
-        link[i] = envsamp__warp_start(kd, f + i, cut + i, edge + i, ENVSAMP__BATCH);
-    for (count = envsamp__under_way(link, list); count > 0; count = left)
-        for (k = left = 0; k < count; k++) {
-            i = list[k];
-            link[i] = envsamp__warp_step(kd, link[i], f + i, cut + i, edge + i, ENVSAMP__BATCH);
-            list[left] = i;
-            left += (int)(link[i] >> 31);
-        }
-    for (i = 0; i < ENVSAMP__BATCH; i++)
-        envsamp__batch_put(out, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
-                           envsamp__bits_float(link[i]));
-}
-
-/* A function, not inlined: a whole batch at a time, and what is left filled up with zeros. */
-static void envsamp__sample_batch(const envsamp_kd *kd, const float *u0, const float *u1, float *x,
-                                  float *y, float *z, float *pdf)
-{
-    float u[2 * ENVSAMP__BATCH];
-    envsamp__batch batch;
-    int i;
-
-    for (i = 0; i < ENVSAMP__BATCH; i++) {
-        u[i] = envsamp__clamp_unit(u0[i]);
-        u[ENVSAMP__BATCH + i] = envsamp__clamp_unit(u1[i]);
-    }
-    if (kd->select == ENVSAMP_KD_WARP)
-        envsamp__warp_batch(kd, u, &batch);
-    else if (kd->select == ENVSAMP_KD_ALIAS)
-        envsamp__indexed_batch(kd, 1, u, &batch);
-    else
-        envsamp__indexed_batch(kd, 0, u, &batch);
-    envsamp__point_dirs(kd->mapping, ENVSAMP__BATCH, batch.at, x, y, z);
-    for (i = 0; i < ENVSAMP__BATCH; i++)
-        pdf[i] = batch.at[3 * ENVSAMP__BATCH + i];
-}
-
-ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
-                                     const float *u1, float *x, float *y, float *z, float *pdf)
-{
-    float in[2 * ENVSAMP__BATCH] = { 0.0f }, out[4 * ENVSAMP__BATCH];
-    size_t i, rest = n % ENVSAMP__BATCH, bytes = rest * sizeof *in;
-
-    ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
-    for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
-        envsamp__sample_batch(kd, u0 + i, u1 + i, x + i, y + i, z + i, pdf + i);
-    if (rest == 0)
-        return;
-    ENVSAMP_MEMCPY(in, u0 + i, bytes);
-    ENVSAMP_MEMCPY(in + ENVSAMP__BATCH, u1 + i, bytes);
-    envsamp__sample_batch(kd, in, in + ENVSAMP__BATCH, out, out + ENVSAMP__BATCH,
-                          out + 2 * ENVSAMP__BATCH, out + 3 * ENVSAMP__BATCH);
-    ENVSAMP_MEMCPY(x + i, out, bytes);
-    ENVSAMP_MEMCPY(y + i, out + ENVSAMP__BATCH, bytes);
-    ENVSAMP_MEMCPY(z + i, out + 2 * ENVSAMP__BATCH, bytes);
-    ENVSAMP_MEMCPY(pdf + i, out + 3 * ENVSAMP__BATCH, bytes);
 }
 
 /* ---- density ---- */
 
-/* The link of the grid at a place. */
-ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__l1_coords d)
+/* A place as the bits of its coordinates, and the link of the grid there. */
+ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__l1_coords d,
+                                         uint64_t *place)
 {
     float columns = (float)(1 << kd->grid_bits_x), rows = (float)(1 << kd->grid_bits_y);
     float scale = kd->mapping == ENVSAMP_HEMISPHERE ? rows : 0.5f * rows;
@@ -5336,12 +5235,8 @@ ENVSAMP__HOT uint32_t envsamp__grid_link(const envsamp_kd *kd, envsamp__l1_coord
     uint32_t row = envsamp__index(d.polar * scale, 1u << kd->grid_bits_y);
     int cell = (int)((row << kd->grid_bits_x) + column);
 
+    *place = envsamp__float_bits(d.azimuth) | (uint64_t)envsamp__float_bits(d.polar) << 32;
     return ENVSAMP__ARRAY(uint32_t, kd, grid)[cell] & (0u - (uint32_t)d.valid);
-}
-
-ENVSAMP__HOT uint64_t envsamp__coord_bits(envsamp__l1_coords d)
-{
-    return envsamp__float_bits(d.azimuth) | (uint64_t)envsamp__float_bits(d.polar) << 32;
 }
 
 #define ENVSAMP__STRIDES 2      /* nodes before a density asks whether it has arrived: each question
@@ -5369,16 +5264,15 @@ ENVSAMP__HOT uint32_t envsamp__node_step(const envsamp_kd *kd, uint32_t link, ui
 
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const float dir[3])
 {
-    envsamp__l1_coords d;
     uint64_t place;
     uint32_t link;
+    float r;
     int i;
 
     ENVSAMP_ASSERT(kd && dir);
-    d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1], dir[2],
-                             ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
-    link = envsamp__grid_link(kd, d);
-    place = envsamp__coord_bits(d);
+    r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
+    link = envsamp__grid_link(kd, envsamp__dir_to_grid(kd->mapping, dir[0], dir[1], dir[2], r),
+                              &place);
     do {
         for (i = 0; i < ENVSAMP__STRIDES; i++)
             link ^= (link ^ envsamp__node_step(kd, link, place)) & (0u - (link >> 31));
@@ -5386,57 +5280,153 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
     return envsamp__bits_float(link);
 }
 
+/* ---- many at a time ---- */
+
+/* Points and densities of a batch: all x, all north, all south, all densities; before, of WARP, the
+   cuts that bound their blocks. */
+typedef struct envsamp__batch { float at[4 * ENVSAMP__BATCH]; } envsamp__batch;
+
+ENVSAMP__HOT void envsamp__batch_put(envsamp__batch *batch, int i, envsamp__point p, float pdf)
+{
+    batch->at[i] = p.x;
+    batch->at[ENVSAMP__BATCH + i] = p.north;
+    batch->at[2 * ENVSAMP__BATCH + i] = p.south;
+    batch->at[3 * ENVSAMP__BATCH + i] = pdf;
+}
+
+/* Follows the links of a batch to their densities, one step of each that is still under way at a
+   time: down the nodes at its place, or, if `place` is NULL, down the cuts, as warp_step. */
+ENVSAMP__HOT void envsamp__batch_walk(const envsamp_kd *kd, uint32_t *link, const uint64_t *place,
+                                      const float *f, float *cut, float *edge)
+{
+    uint32_t list[ENVSAMP__BATCH], count = 0, left, i, k;
+
+    for (i = 0; i < ENVSAMP__BATCH; i++) {
+        list[count] = i;
+        count += link[i] >> 31;
+    }
+    for (; count > 0; count = left)
+        for (k = left = 0; k < count; k++) {
+            i = list[k];
+            link[i] = place ? envsamp__node_step(kd, link[i], place[i])
+                    : envsamp__warp_step(kd, link[i], f + i, cut + i, edge + i, ENVSAMP__BATCH);
+            list[left] = i;
+            left += link[i] >> 31;
+        }
+}
+
+ENVSAMP__HOT void envsamp__indexed_batch(const envsamp_kd *kd, int alias, const float *u,
+                                         envsamp__batch *out)
+{
+    int i;
+
+    for (i = 0; i < ENVSAMP__BATCH; i++) {
+        float pdf;
+        envsamp__point p = envsamp__indexed_sample(kd, alias, u[i], u[ENVSAMP__BATCH + i], &pdf);
+
+        envsamp__batch_put(out, i, p, pdf);
+    }
+}
+
+/* f: the numbers, which become fractions of blocks. */
+ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, envsamp__batch *out)
+{
+    float *cut = out->at, edge[4 * ENVSAMP__BATCH];
+    uint32_t link[ENVSAMP__BATCH];
+    int i;
+
+    for (i = 0; i < ENVSAMP__BATCH; i++)
+        link[i] = envsamp__warp_start(kd, f + i, cut + i, edge + i, ENVSAMP__BATCH);
+    envsamp__batch_walk(kd, link, NULL, f, cut, edge);
+    for (i = 0; i < ENVSAMP__BATCH; i++)
+        envsamp__batch_put(out, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
+                           envsamp__bits_float(link[i]));
+}
+
+/* At most ENVSAMP__BATCH samples. Loops are over a whole batch, filled up with zeros: compilers
+   vectorise them. */
+static void envsamp__sample_batch(const envsamp_kd *kd, size_t n, const float *u0,
+                                  const float *u1, float *const out[4])
+{
+    float u[3 * ENVSAMP__BATCH], *y = u + ENVSAMP__BATCH, *z = y + ENVSAMP__BATCH;
+    envsamp__batch batch;
+    int i;
+
+    if (n < ENVSAMP__BATCH) {
+        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
+        u0 = (const float *)ENVSAMP_MEMCPY(batch.at, u0, n * sizeof *u);
+        u1 = (const float *)ENVSAMP_MEMCPY(batch.at + ENVSAMP__BATCH, u1, n * sizeof *u);
+    }
+    for (i = 0; i < ENVSAMP__BATCH; i++) {
+        u[i] = envsamp__clamp_unit(u0[i]);
+        y[i] = envsamp__clamp_unit(u1[i]);
+    }
+    if (kd->select == ENVSAMP_KD_WARP)
+        envsamp__warp_batch(kd, u, &batch);
+    else if (kd->select == ENVSAMP_KD_ALIAS)
+        envsamp__indexed_batch(kd, 1, u, &batch);
+    else
+        envsamp__indexed_batch(kd, 0, u, &batch);
+    envsamp__point_dirs(kd->mapping, ENVSAMP__BATCH, batch.at, u, y, z);
+    for (i = 0; i < 4; i++)
+        ENVSAMP_MEMCPY(out[i], i < 3 ? u + i * ENVSAMP__BATCH : batch.at + 3 * ENVSAMP__BATCH,
+                       n * sizeof *u);
+}
+
+ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float *u0,
+                                     const float *u1, float *x, float *y, float *z, float *pdf)
+{
+    size_t i;
+
+    ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
+    for (i = 0; i < n; i += ENVSAMP__BATCH) {
+        float *const out[4] = { x + i, y + i, z + i, pdf + i };
+
+        envsamp__sample_batch(kd, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, u0 + i, u1 + i,
+                              out);
+    }
+}
+
 static void envsamp__pdf_batch(const envsamp_kd *kd, const float *x, const float *y,
                                const float *z, float *pdf)
 {
-    float r[ENVSAMP__BATCH];
+    float end = envsamp__polar_end(kd->mapping), r[ENVSAMP__BATCH];
     uint64_t place[ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
-    int list[ENVSAMP__BATCH], count, left, i, k;
+    int i;
 
     for (i = 0; i < ENVSAMP__BATCH; i++)
         r[i] = x[i] * x[i] + y[i] * y[i];
     envsamp__sqrt_n(r, ENVSAMP__BATCH);
-    for (i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++) {
-        envsamp__l1_coords d = envsamp__octahedral_grid(x[i], y[i], z[i], r[i]);
-
-        place[i] = envsamp__coord_bits(d);
-        link[i] = envsamp__grid_link(kd, d);
-    }
+    for (i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++)
+        link[i] = envsamp__grid_link(kd, envsamp__octahedral_grid(x[i], y[i], z[i], r[i]),
+                                     &place[i]);
     for (i = 0; i < ENVSAMP__BATCH && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
         envsamp__l1_coords d = envsamp__to_l1_coords(x[i], y[i], z[i], r[i]);
 
-        d.valid &= d.polar <= envsamp__polar_end(kd->mapping);
-        place[i] = envsamp__coord_bits(d);
-        link[i] = envsamp__grid_link(kd, d);
+        d.valid &= d.polar <= end;
+        link[i] = envsamp__grid_link(kd, d, &place[i]);
     }
-    for (count = envsamp__under_way(link, list); count > 0; count = left)
-        for (k = left = 0; k < count; k++) {
-            i = list[k];
-            link[i] = envsamp__node_step(kd, link[i], place[i]);
-            list[left] = i;
-            left += (int)(link[i] >> 31);
-        }
-    for (i = 0; i < ENVSAMP__BATCH; i++)
-        pdf[i] = envsamp__bits_float(link[i]);
+    envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
+    ENVSAMP_MEMCPY(pdf, link, sizeof link);
 }
 
 ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
                                   const float *z, float *pdf)
 {
-    float in[3 * ENVSAMP__BATCH] = { 0.0f }, out[ENVSAMP__BATCH];
-    size_t i, rest = n % ENVSAMP__BATCH, bytes = rest * sizeof *in;
+    float in[4][ENVSAMP__BATCH] = { { 0.0f } };
+    size_t i, bytes = n % ENVSAMP__BATCH * sizeof **in;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
     for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
         envsamp__pdf_batch(kd, x + i, y + i, z + i, pdf + i);
-    if (rest == 0)
+    if (i == n)
         return;
-    ENVSAMP_MEMCPY(in, x + i, bytes);
-    ENVSAMP_MEMCPY(in + ENVSAMP__BATCH, y + i, bytes);
-    ENVSAMP_MEMCPY(in + 2 * ENVSAMP__BATCH, z + i, bytes);
-    envsamp__pdf_batch(kd, in, in + ENVSAMP__BATCH, in + 2 * ENVSAMP__BATCH, out);
-    ENVSAMP_MEMCPY(pdf + i, out, bytes);
+    ENVSAMP_MEMCPY(in[0], x + i, bytes);
+    ENVSAMP_MEMCPY(in[1], y + i, bytes);
+    ENVSAMP_MEMCPY(in[2], z + i, bytes);
+    envsamp__pdf_batch(kd, in[0], in[1], in[2], in[3]);
+    ENVSAMP_MEMCPY(pdf + i, in[3], bytes);
 }
 
 /* ---- inverse ---- */
@@ -5491,7 +5481,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
                              ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (kd->select != ENVSAMP_KD_WARP || !d.valid)
         return 0;
-    place = envsamp__coord_bits(d);
+    envsamp__grid_link(kd, d, &place);
     down.link = ENVSAMP__INNER | kd->nodes_at / 4;
     if (!envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]))
         envsamp__descend(kd, place, &down, &axis);      /* nothing above the root */
@@ -5551,9 +5541,8 @@ static uint32_t envsamp__blocks_before(const envsamp_kd *kd, uint32_t tile)
 /* Block `number` of WARP: counted tile by tile, below a tile by the order of the cuts. */
 static envsamp__warp_region envsamp__warp_block(const envsamp_kd *kd, uint32_t number)
 {
-    uint32_t tile = 0, past = envsamp__tile_count(kd);
-    envsamp__warp_region stack[ENVSAMP__WARP_DEPTH + 2];
-    int top = 1;
+    uint32_t tile = 0, past = envsamp__tile_count(kd), cuts;
+    envsamp__warp_region r;
 
     while (past - tile > 1) {
         uint32_t middle = tile + (past - tile) / 2;
@@ -5563,56 +5552,48 @@ static envsamp__warp_region envsamp__warp_block(const envsamp_kd *kd, uint32_t n
         else
             past = middle;
     }
-    stack[0] = envsamp__tile_region(kd, tile);
-    for (number -= envsamp__blocks_before(kd, tile); ; ) {
-        envsamp__warp_region *r = &stack[top - 1];
+    number -= envsamp__blocks_before(kd, tile);
+    cuts = envsamp__blocks_before(kd, past) - envsamp__blocks_before(kd, tile) - 1;
+    for (r = envsamp__tile_region(kd, tile); cuts > 0;) {
+        const uint32_t *child = ENVSAMP__LINKED(envsamp__sample_node, kd, r.link)->child;
+        uint32_t low = child[0] & ENVSAMP__INNER ? cuts - 1 : 0;    /* cuts of the lower child */
+        int high;
 
-        if (r->link & ENVSAMP__INNER) {
-            stack[top] = *r;
-            envsamp__take_side(kd, r, 1);
-            envsamp__take_side(kd, &stack[top++], 0);
-        } else if (number-- == 0) {
-            return *r;
-        } else {
-            top--;
-        }
+        if (low && child[1] & ENVSAMP__INNER)
+            low = (child[1] - child[0]) / ((uint32_t)sizeof(envsamp__sample_node) / 4);
+        high = number > low;
+        number -= high ? low + 1 : 0;
+        cuts = high ? cuts - 1 - low : low;
+        envsamp__take_side(kd, &r, high);
     }
+    return r;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number,
                                                 envsamp_kd_block *block)
 {
-    envsamp__edges edges;
-    double probability, sr;
+    envsamp__warp_region r;
+    double sr;
 
     if (!kd || !block)
         return ENVSAMP_ERR_NULL;
     if (number < 0 || number >= (int)kd->block_count)
         return ENVSAMP_ERR_PARAM;
-    if (kd->select == ENVSAMP_KD_WARP) {
-        envsamp__warp_region r = envsamp__warp_block(kd, (uint32_t)number);
-
-        edges = r.edges;
-        sr = envsamp__edges_sr(kd->mapping, &edges);
-        probability = ((double)r.high[0] - (double)r.low[0])
-                    * ((double)r.high[1] - (double)r.low[1]) / (double)envsamp__tile_count(kd);
-    } else {
-        const envsamp__record *record = ENVSAMP__RECORDS(kd) + number;
-
-        edges = record->edges;
-        sr = envsamp__edges_sr(kd->mapping, &edges);
-        probability = (double)envsamp__bits_float(record->link) * sr;
-    }
-    block->uv_min[0] = edges.x0;
-    block->uv_min[1] = envsamp__edge_v(kd->mapping, edges.y0);
-    block->uv_max[0] = edges.x1;
-    block->uv_max[1] = envsamp__edge_v(kd->mapping, edges.y1);
+    r = kd->select == ENVSAMP_KD_WARP ? envsamp__warp_block(kd, (uint32_t)number)
+                                      : envsamp__tile_region(kd, (uint32_t)number);
+    sr = envsamp__edges_sr(kd->mapping, &r.edges);
+    block->uv_min[0] = r.edges.x0;
+    block->uv_min[1] = envsamp__edge_v(kd->mapping, r.edges.y0);
+    block->uv_max[0] = r.edges.x1;
+    block->uv_max[1] = envsamp__edge_v(kd->mapping, r.edges.y1);
     if (block->uv_min[1] >= block->uv_max[1]) {     /* thinner than v in floats tells */
         block->uv_min[1] = envsamp__clamp_unit(block->uv_min[1]);
         block->uv_max[1] = envsamp__bits_float(envsamp__float_bits(block->uv_min[1]) + 1);
     }
     block->solid_angle = (float)sr;
-    block->probability = (float)probability;
+    block->probability = (float)(kd->select != ENVSAMP_KD_WARP
+                                 ? (double)envsamp__bits_float(r.link) * sr
+                                 : envsamp__region_area(kd, &r));
     return ENVSAMP_OK;
 }
 
