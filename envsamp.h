@@ -3938,10 +3938,9 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  * KD TABLE                                                                 [search: @kd-table]
  *
  * One block of 32-bit words in the byte order of the machine, without pointers: the header below (a
- * double is two words), then arrays, as far as the selection needs them. `bits` is log2 of
- * block_count, rounded up, and tiles stands for 2^(tile_bits_x + tile_bits_y), 1 without WARP. A
- * sample and a density read the first 64 bytes of the header, then as few cache lines as can be;
- * fewest if the table begins with one.
+ * double is two words), then the arrays that the selection needs. `bits` is log2 of block_count,
+ * rounded up; tiles is 2^(tile_bits_x + tile_bits_y), 1 without WARP. A sample and a density read
+ * the first 64 bytes of the header: one cache line, if the table begins with one.
  *
  *     records  WARP        tiles x { float x0, x1, y0, y1; link }: edges in the map. Tile
  *                          j 2^tile_bits_x + i is cell (i, j) of a grid over the unit square, u0
@@ -3967,18 +3966,15 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  * A link is a density per steradian, a float of 0 or more, where a block is reached; otherwise,
  * with its top bit set, it leads to a cut (in records and cuts) or a node (in nodes and grid), as
  * its place in the table in words.
-
- * An edge in azimuth is a float in turns. An edge in polar angle is 1 - cos theta above the
- * equator, and, with a minus sign, -0 included, 1 + cos theta below it: each is exact at its
- * pole, where cos theta itself has no digits left. The other one of the two is 2 less it. sin
- * theta is the root of their product, cos theta half their difference, and both interpolate
- * linearly, which is uniform in solid angle. A hemisphere ends at 1. Edges in an octahedral map are
- * u and v, and uniform in solid angle as they are.
  *
- * Nodes and grid live in coordinates that need no arc tangent and no unit length, yet grow with
- * the angles: azimuth in [0, 4] is y/(|x|+|y|) unrolled round the four quadrants, polar in [0, 2]
- * is r/(r+|z|), r = |(x, y)|, unrolled over the equator. The map ends at 2, a hemisphere at 1. In
- * an octahedral map they are 4 u and 2 v.
+ * An edge in azimuth is a float in turns. An edge in polar angle is 1 - cos theta above the
+ * equator, and, with a minus sign, -0 included, 1 + cos theta below it: each is exact at its pole.
+ * They add up to 2, sin theta is the root of their product, and both interpolate linearly, which is
+ * uniform in solid angle. A hemisphere ends at 1. Edges in an octahedral map are u and v.
+ *
+ * Nodes and grid are in coordinates that grow with the angles and need no arc tangent: azimuth in
+ * [0, 4] is y/(|x|+|y|) unrolled round the four quadrants, polar in [0, 2] is r/(r+|z|), r =
+ * |(x, y)|, unrolled over the equator; a hemisphere ends at 1. In an octahedral map: 4 u and 2 v.
  * ========================================================================================== */
 
 #define ENVSAMP__KD_MAGIC 0x444b5345u   /* "ESKD" in memory */
@@ -4018,7 +4014,6 @@ typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 192 ? 1 : -1];
     ((const type *)(const void *)((const char *)(table) + (table)->name##_at))
 #define ENVSAMP__ARRAY_OUT(type, table, name) \
     ((type *)(void *)((char *)(table) + (table)->name##_at))
-
 
 /* The records, which follow the header, and what a link leads to. */
 #define ENVSAMP__RECORDS(kd) ((const envsamp__record *)(const void *)((kd) + 1))
@@ -4077,306 +4072,7 @@ static void envsamp__kd_layout(envsamp_kd *kd)
     kd->bytes = end;
 }
 
-/* ---- writing the density ---- */
-
-static uint32_t envsamp__root(const envsamp__tree *tree)
-{
-    return tree->block_count > 1 ? 0 : ENVSAMP__LEAF;
-}
-
-/* The tree while it is written. A child that is to become a node is its cut in the tree until then,
-   and such children are in a list: `pending` is the place in the table, in words, of the first, or
-   0, next[cut] of the one after it. */
-typedef struct envsamp__pdf_writer {
-    const envsamp__tree *tree;
-    envsamp_kd *kd;
-    const float *density;           /* of each block of the tree */
-    uint32_t *next, pending;
-} envsamp__pdf_writer;
-
-/* The cut that a link of the tree leads to; NULL for a block, and for cuts that were not made. */
-static const envsamp__cut *envsamp__linked_cut(const envsamp__tree *tree, uint32_t link)
-{
-    return link & ENVSAMP__LEAF || tree->cuts[link].axis < 0 ? NULL : &tree->cuts[link];
-}
-
-/* Whether fewer cuts are at odd depths: then nodes begin with these, at most half of all, and the
-   root is below a node that has no other cut. Else nodes begin with those at even depths. */
-static int envsamp__odd_depths(const envsamp__pdf_writer *w)
-{
-    const envsamp__tree *tree = w->tree;
-    uint32_t cut_count = (uint32_t)tree->block_count - 1, *parity = w->next, c;
-    int even = 0, side;
-
-    for (c = 0; c < cut_count; c++)
-        parity[c] = c ? 2 : 0;
-    for (c = 0; c < cut_count; c++) {           /* children come after their parents */
-        even += parity[c] == 0;
-        even -= parity[c] == 1;
-        for (side = 0; side < 2 && parity[c] < 2; side++)
-            if (envsamp__linked_cut(tree, tree->cuts[c].child[side]))
-                parity[tree->cuts[c].child[side]] = 1 - parity[c];
-    }
-    return cut_count == 0 || tree->cuts[0].axis < 0 || even > 1;
-}
-
-static float envsamp__tree_cut(const envsamp__map *map, const envsamp__cut *cut)
-{
-    if (!cut)
-        return 0.0f;
-    return envsamp__node_cut(map->mapping, envsamp__stored_edge(map, cut->at, cut->axis),
-                             cut->axis);
-}
-
-/* What is below the top of a node on one side. */
-static void envsamp__write_half(envsamp__pdf_writer *w, envsamp__pdf_node *node, int side,
-                                uint32_t link)
-{
-    const envsamp__cut *cut = envsamp__linked_cut(w->tree, link);
-    int i;
-
-    node->cut[1 + side] = envsamp__tree_cut(w->tree->map, cut);
-    for (i = 0; i < 2; i++) {
-        uint32_t below = cut ? cut->child[i] : link, *child = &node->child[2 * side + i];
-
-        if (envsamp__linked_cut(w->tree, below)) {
-            *child = below;
-            w->next[below] = w->pending;
-            w->pending = (uint32_t)(child - (uint32_t *)(void *)w->kd);
-        } else {
-            while (!(below & ENVSAMP__LEAF))
-                below = w->tree->cuts[below].child[0];
-            *child = envsamp__float_bits(w->density[below & ~ENVSAMP__LEAF]);
-        }
-    }
-}
-
-static void envsamp__write_pdf_nodes(envsamp__pdf_writer *w)
-{
-    uint32_t *words = (uint32_t *)(void *)w->kd, at = w->kd->nodes_at / 4, *child;
-    const envsamp__cut *cut = envsamp__odd_depths(w) ? NULL : w->tree->cuts;
-
-    for (;; at += (uint32_t)sizeof(envsamp__pdf_node) / 4) {
-        envsamp__pdf_node *node = (envsamp__pdf_node *)(void *)(words + at);
-
-        node->cut[0] = envsamp__tree_cut(w->tree->map, cut);
-        if (cut)
-            envsamp__write_half(w, node, 0, cut->child[0]);
-        envsamp__write_half(w, node, 1, cut ? cut->child[1] : envsamp__root(w->tree));
-        if (!w->pending)
-            return;
-        child = words + w->pending;
-        cut = &w->tree->cuts[*child];
-        w->pending = w->next[*child];
-        *child = ENVSAMP__INNER | (at + (uint32_t)sizeof(envsamp__pdf_node) / 4);
-    }
-}
-
-/* The deepest link below `link` whose region holds some cells of the grid, which have exact
-   edges: so it is right for every point that falls in them. */
-static uint32_t envsamp__cell_link(const envsamp_kd *kd, uint32_t link, uint32_t x, uint32_t y,
-                                   uint32_t width, uint32_t height)
-{
-    float across = 4.0f / (float)(1u << kd->grid_bits_x);
-    float down = envsamp__polar_end(kd->mapping) / (float)(1u << kd->grid_bits_y);
-    float low[2], high[2];
-
-    low[0] = across * (float)x;
-    low[1] = down * (float)y;
-    high[0] = across * (float)(x + width);
-    high[1] = down * (float)(y + height);
-    while (link & ENVSAMP__INNER) {
-        const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, link);
-        int at = 0;
-
-        while (at < 3) {
-            int axis = envsamp__sign(node->cut[at]);
-            float cut = ENVSAMP_FABSF(node->cut[at]);
-
-            if (cut > low[axis] && cut < high[axis])
-                return link;
-            at = 2 * at + 1 + (cut <= low[axis]);
-        }
-        link = node->child[at - 3];
-    }
-    return link;
-}
-
-/* Rows of cells [y0, y1). Squares of up to 8 by 8 cells come first and save their cells the way
-   down to them. */
-static void envsamp__write_grid(envsamp_kd *kd, uint32_t y0, uint32_t y1)
-{
-    uint32_t *grid = ENVSAMP__ARRAY_OUT(uint32_t, kd, grid), columns = 1u << kd->grid_bits_x, x, y;
-    uint32_t wide = columns < 8 ? columns : 8, link = 0;
-
-    for (x = 0; x < columns; x++) {
-        if (x % wide == 0)
-            link = envsamp__cell_link(kd, ENVSAMP__INNER | kd->nodes_at / 4, x, y0, wide, y1 - y0);
-        for (y = y0; y < y1; y++)
-            grid[(y << kd->grid_bits_x) + x] = envsamp__cell_link(kd, link, x, y, 1, 1);
-    }
-}
-
-/* ---- writing WARP ---- */
-
-/* A part of a tile that is to be written: a subtree, its place in the unit square in units of
-   2^-24, counted from the tile's corner, and in the map, and the link that leads to it. A part of
-   what became one block, as the unit square had no room for its cuts, is as large as the whole. */
-typedef struct envsamp__part {
-    uint32_t link, *child;
-    uint32_t low[2], high[2];
-    envsamp__edges edges;
-    int is_merged;
-} envsamp__part;
-
-typedef struct envsamp__warp_writer {
-    envsamp__tree *tree;
-    const double *q;                /* of each cut's subtree */
-    envsamp_kd *kd;
-    float *density;                 /* of each block of the tree */
-    uint32_t cut_count, leaf_count;
-    double second;                  /* moment of L / pdf */
-    double max_ratio;
-    envsamp__part *stack;           /* ENVSAMP__WARP_DEPTH + 2 */
-} envsamp__warp_writer;
-
-/* Weight of a block that is lit, however little: zero would leave its light unsampled. */
-static double envsamp__lit_weight(const envsamp__block *block, double weight)
-{
-    return block->whole.peak > 0.0f && weight < DBL_MIN ? DBL_MIN : weight;
-}
-
-static double envsamp__block_q(const envsamp__block *b)
-{
-    return envsamp__lit_weight(b, envsamp__q(envsamp__block_sr(b), b->whole.square));
-}
-
-/* Q of what a link of the tree leads to. */
-static double envsamp__link_q(const envsamp__tree *tree, const double *q, uint32_t link)
-{
-    return link & ENVSAMP__LEAF ? envsamp__block_q(&tree->blocks[link & ~ENVSAMP__LEAF]) : q[link];
-}
-
-/* Adds what a block costs that has a density. */
-static void envsamp__add_cost(const envsamp__moments *m, double pdf, double integral,
-                              double *second, double *max_ratio)
-{
-    if (pdf > 0.0) {
-        *second += m->square / pdf;
-        *max_ratio = envsamp__max(*max_ratio, (double)m->peak / (pdf * integral));
-    }
-}
-
-/* A block: its density is the area of its place in the unit square over its solid angle. */
-static void envsamp__write_leaf(envsamp__warp_writer *w, const envsamp__part *p)
-{
-    uint32_t block = p->link & ~ENVSAMP__LEAF;
-    double probability = (double)(p->high[0] - p->low[0]) / (double)ENVSAMP__UNIT
-                       * ((double)(p->high[1] - p->low[1]) / (double)ENVSAMP__UNIT);
-    float pdf = (float)(probability / envsamp__edges_sr(w->kd->mapping, &p->edges));
-
-    *p->child = envsamp__float_bits(pdf);
-    w->density[block] = pdf;
-    w->leaf_count += !p->is_merged;
-    envsamp__add_cost(&w->tree->blocks[block].whole, (double)pdf, w->tree->map->integral,
-                      &w->second, &w->max_ratio);
-}
-
-/* Writes the cut of a part and sets its two sides. It divides the part's units in proportion to Q
-   but for rounding: a lit side gets one at least, a black one none. Where there are too few, the
-   part becomes one block: returns 0, and both sides are the part itself. */
-static int envsamp__write_cut(envsamp__warp_writer *w, const envsamp__part *p,
-                              envsamp__sample_node *node, envsamp__part *low, envsamp__part *high)
-{
-    envsamp__cut *cut = &w->tree->cuts[p->link];
-    int axis = cut->axis;
-    uint32_t bits = axis ? w->kd->tile_bits_y : w->kd->tile_bits_x;
-    uint32_t units = p->high[axis] - p->low[axis], cut_at;
-    double low_q = envsamp__link_q(w->tree, w->q, cut->child[0]);
-    double high_q = envsamp__link_q(w->tree, w->q, cut->child[1]);
-
-    *low = *high = *p;
-    low->link = cut->child[0];
-    high->link = cut->child[1];
-    if (p->is_merged || (low_q > 0.0 && high_q > 0.0 && units < 2)) {
-        w->leaf_count += !p->is_merged;
-        low->is_merged = high->is_merged = 1;
-        cut->axis = -1;
-        return 0;
-    }
-    cut_at = (uint32_t)((low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5) * (double)units
-                        + 0.5);
-    if (low_q > 0.0 && cut_at < 1)
-        cut_at = 1;
-    if (high_q > 0.0 && cut_at > units - 1)
-        cut_at = units - 1;
-    low->high[axis] = high->low[axis] = p->low[axis] + cut_at;
-    node->cut = envsamp__with_sign((float)low->high[axis] / (float)(1u << (24 - bits)), axis);
-    node->edge = envsamp__stored_edge(w->tree->map, cut->at, axis);
-    *(axis ? &low->edges.y1 : &low->edges.x1) = node->edge;
-    *(axis ? &high->edges.y0 : &high->edges.x0) = node->edge;
-    low->child = &node->child[0];
-    high->child = &node->child[1];
-    return 1;
-}
-
-/* The tile in column i, row j of the grid over the unit square: the way down the crown to it. */
-static envsamp__part envsamp__find_tile(const envsamp__warp_writer *w, uint32_t i, uint32_t j)
-{
-    const envsamp__tree *tree = w->tree;
-    uint32_t bits[2] = { w->kd->tile_bits_x, w->kd->tile_bits_y }, at[2] = { i, j };
-    envsamp__part tile;
-    int level;
-
-    ENVSAMP_MEMSET(&tile, 0, sizeof tile);
-    tile.link = envsamp__root(tree);
-    tile.high[0] = 1u << (24 - bits[0]);
-    tile.high[1] = 1u << (24 - bits[1]);
-    tile.edges.x1 = 1.0f;
-    tile.edges.y1 = w->kd->mapping == ENVSAMP_LATLONG ? -0.0f : 1.0f;
-    for (level = 0; level < tree->tile_bits; level++) {
-        const envsamp__cut *cut = &tree->cuts[tile.link];
-        uint32_t side = at[cut->axis] >> --bits[cut->axis] & 1;
-        float edge = envsamp__stored_edge(tree->map, cut->at, cut->axis);
-
-        *(cut->axis ? side ? &tile.edges.y0 : &tile.edges.y1
-                    : side ? &tile.edges.x0 : &tile.edges.x1) = edge;
-        tile.link = cut->child[side];
-    }
-    return tile;
-}
-
-/* Tile i, and all below it. */
-static void envsamp__write_tile(envsamp__warp_writer *w, uint32_t i)
-{
-    envsamp_kd *kd = w->kd;
-    uint32_t columns = 1u << kd->tile_bits_x;
-    envsamp__record *tile = (envsamp__record *)(void *)(kd + 1) + i;
-    envsamp__part *stack = w->stack;
-    int top = 1;
-
-    stack[0] = envsamp__find_tile(w, i % columns, i / columns);
-    stack[0].child = &tile->link;
-    tile->edges = stack[0].edges;
-    while (top > 0) {
-        envsamp__part part = stack[--top];
-        uint32_t at = envsamp__cut_place(kd, w->cut_count);
-
-        if (part.link & ENVSAMP__LEAF) {
-            envsamp__write_leaf(w, &part);
-            continue;
-        }
-        if (envsamp__write_cut(w, &part, (envsamp__sample_node *)(void *)((uint32_t *)(void *)kd
-                                                                          + at),
-                               &stack[top + 1], &stack[top])) {
-            *part.child = ENVSAMP__INNER | at;
-            w->cut_count++;
-        }
-        top += 2;
-    }
-}
-
-/* ---- the build ---- */
+/* ---- jobs ---- */
 
 /* A build is a job that does one item of work after the other, so that it can be spread over
    frames: the same items in the same order, however many at a time. What an item of work is: */
@@ -4478,18 +4174,34 @@ static envsamp_result envsamp__job_step(envsamp__job *job, int count, int *done)
     return job->result;
 }
 
+/* Part of a tile: in the tile's own unit square, in the map, and the link that leads to it. */
+typedef struct envsamp__warp_region { uint32_t link; float low[2], high[2]; envsamp__edges edges; }
+    envsamp__warp_region;
+
+/* A part that is to be written: its link is that of the tree, `child` where it goes in the table. A
+   part of what became one block, as the unit square had no room for its cuts, is as large as the
+   whole. */
+typedef struct envsamp__part {
+    envsamp__warp_region r;
+    uint32_t *child;
+    int is_merged;
+} envsamp__part;
+
 struct envsamp_kd_job {
     envsamp__job base;
     envsamp__tree tree;
     envsamp_kd_desc desc;
     int level, block_limit;         /* PYRAMID: the level that is made */
-    envsamp__warp_writer writer;
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
     uint32_t *order;                /* blocks of the tree in the order of the table; then numbers */
     float *density;                 /* of each block of the tree */
     uint32_t *draws, *stack;        /* ALIAS */
     envsamp_buffer lm_scratch;
+    double second;                  /* moment of L / pdf of what is written */
+    envsamp__part *parts;           /* WARP: a stack of ENVSAMP__WARP_DEPTH + 2 */
+    uint32_t cut_count, leaf_count; /* WARP: written */
+    uint32_t pending;               /* nodes: see write_half */
 };
 
 /* Puts a job's arrays into a buffer that begins with the job. */
@@ -4514,7 +4226,7 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     tree->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, count);
     tree->columns = ENVSAMP__TAKE(envsamp__profile, arena, 1);
     tree->rows = ENVSAMP__TAKE(envsamp__profile, arena, 1);
-    job->writer.stack = ENVSAMP__TAKE(envsamp__part, arena, ENVSAMP__WARP_DEPTH + 2);
+    job->parts = ENVSAMP__TAKE(envsamp__part, arena, ENVSAMP__WARP_DEPTH + 2);
     job->probability = ENVSAMP__TAKE(double, arena, count);
     job->order = ENVSAMP__TAKE(uint32_t, arena, count);
     job->density = ENVSAMP__TAKE(float, arena, count);
@@ -4532,32 +4244,310 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     }
 }
 
-static int envsamp__kd_desc_valid(const envsamp_kd_desc *desc)
+/* ---- writing the density ---- */
+
+static uint32_t envsamp__root(const envsamp__tree *tree)
 {
-    return desc->block_count >= 1 && desc->block_count <= 1048576
-        && (uint32_t)desc->select <= ENVSAMP_KD_FIT
-        && (uint32_t)desc->criterion <= ENVSAMP_KD_RANGE
-        && (uint32_t)desc->model <= ENVSAMP_KD_POWER
-        && (uint32_t)desc->objective <= ENVSAMP_KD_CHI2
-        && envsamp__in_range(desc->mis_compensation, 0.0f, 1.0f) && !desc->facing
-        && envsamp__is_zero(desc->excess_target) && envsamp__is_zero(desc->importance_exponent);
+    return tree->block_count > 1 ? 0 : ENVSAMP__LEAF;
 }
 
-static void envsamp__choose_alias(envsamp_kd_job *job, envsamp_kd *kd)
+/* The cut that a link of the tree leads to; NULL for a block, and for cuts that were not made. */
+static const envsamp__cut *envsamp__linked_cut(const envsamp__tree *tree, uint32_t link)
+{
+    return link & ENVSAMP__LEAF || tree->cuts[link].axis < 0 ? NULL : &tree->cuts[link];
+}
+
+/* Whether fewer cuts are at odd depths: then nodes begin with these, at most half of all, and the
+   root is below a node that has no other cut. Else nodes begin with those at even depths. */
+static int envsamp__odd_depths(const envsamp_kd_job *job)
 {
     const envsamp__tree *tree = &job->tree;
-    int i;
+    uint32_t cut_count = (uint32_t)tree->block_count - 1, *parity = job->order, c;
+    int even = 0, side;
 
-    for (i = 0; i < tree->block_count; i++) {
-        job->order[i] = (uint32_t)i;
-        job->probability[i] = envsamp__block_q(&tree->blocks[i]);
+    for (c = 0; c < cut_count; c++)
+        parity[c] = c ? 2 : 0;
+    for (c = 0; c < cut_count; c++) {           /* children come after their parents */
+        even += parity[c] == 0;
+        even -= parity[c] == 1;
+        for (side = 0; side < 2 && parity[c] < 2; side++)
+            if (envsamp__linked_cut(tree, tree->cuts[c].child[side]))
+                parity[tree->cuts[c].child[side]] = 1 - parity[c];
     }
-    envsamp__round_draws(job->probability, tree->block_count, job->draws);
-    for (i = 0; i < tree->block_count; i++)
-        job->probability[i] = (double)job->draws[i] / (double)ENVSAMP__UNIT;
-    kd->drawn_count = (uint32_t)tree->block_count;
+    return cut_count == 0 || tree->cuts[0].axis < 0 || even > 1;
 }
 
+static float envsamp__tree_cut(const envsamp__map *map, const envsamp__cut *cut)
+{
+    if (!cut)
+        return 0.0f;
+    return envsamp__node_cut(map->mapping, envsamp__stored_edge(map, cut->at, cut->axis),
+                             cut->axis);
+}
+
+/* What is below the top of a node on one side. A child that is to become a node is its cut in the
+   tree until then, and in a list: `pending` is the place in the table, in words, of the first, or
+   0, and job->order[cut] of the one after it. */
+static void envsamp__write_half(envsamp_kd_job *job, envsamp__pdf_node *node, int side,
+                                uint32_t link)
+{
+    const envsamp__tree *tree = &job->tree;
+    const envsamp__cut *cut = envsamp__linked_cut(tree, link);
+    int i;
+
+    node->cut[1 + side] = envsamp__tree_cut(tree->map, cut);
+    for (i = 0; i < 2; i++) {
+        uint32_t below = cut ? cut->child[i] : link, *child = &node->child[2 * side + i];
+
+        if (envsamp__linked_cut(tree, below)) {
+            *child = below;
+            job->order[below] = job->pending;
+            job->pending = (uint32_t)(child - (uint32_t *)job->base.table);
+        } else {
+            while (!(below & ENVSAMP__LEAF))
+                below = tree->cuts[below].child[0];
+            *child = envsamp__float_bits(job->density[below & ~ENVSAMP__LEAF]);
+        }
+    }
+}
+
+static void envsamp__write_pdf_nodes(envsamp_kd_job *job, envsamp_kd *kd)
+{
+    envsamp__pdf_node *node = ENVSAMP__ARRAY_OUT(envsamp__pdf_node, kd, nodes);
+    uint32_t *words = (uint32_t *)(void *)kd, *child;
+    const envsamp__cut *cut = envsamp__odd_depths(job) ? NULL : job->tree.cuts;
+
+    for (;; node++) {
+        node->cut[0] = envsamp__tree_cut(job->tree.map, cut);
+        if (cut)
+            envsamp__write_half(job, node, 0, cut->child[0]);
+        envsamp__write_half(job, node, 1, cut ? cut->child[1] : envsamp__root(&job->tree));
+        if (!job->pending)
+            return;
+        child = words + job->pending;
+        cut = &job->tree.cuts[*child];
+        job->pending = job->order[*child];
+        *child = ENVSAMP__INNER | (uint32_t)((uint32_t *)(void *)(node + 1) - words);
+    }
+}
+
+/* The deepest link below `link` whose region holds some cells of the grid, which have exact
+   edges: so it is right for every point that falls in them. */
+static uint32_t envsamp__cell_link(const envsamp_kd *kd, uint32_t link, uint32_t x, uint32_t y,
+                                   uint32_t width, uint32_t height)
+{
+    float across = 4.0f / (float)(1u << kd->grid_bits_x);
+    float down = envsamp__polar_end(kd->mapping) / (float)(1u << kd->grid_bits_y);
+    float low[2], high[2];
+
+    low[0] = across * (float)x;
+    low[1] = down * (float)y;
+    high[0] = across * (float)(x + width);
+    high[1] = down * (float)(y + height);
+    while (link & ENVSAMP__INNER) {
+        const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, link);
+        int at = 0;
+
+        while (at < 3) {
+            int axis = envsamp__sign(node->cut[at]);
+            float cut = ENVSAMP_FABSF(node->cut[at]);
+
+            if (cut > low[axis] && cut < high[axis])
+                return link;
+            at = 2 * at + 1 + (cut <= low[axis]);
+        }
+        link = node->child[at - 3];
+    }
+    return link;
+}
+
+/* Rows of cells [y0, y1). Squares of up to 8 by 8 cells come first and save their cells the way
+   down to them. */
+static void envsamp__write_grid(envsamp_kd *kd, uint32_t y0, uint32_t y1)
+{
+    uint32_t *grid = ENVSAMP__ARRAY_OUT(uint32_t, kd, grid), columns = 1u << kd->grid_bits_x, x, y;
+    uint32_t wide = columns < 8 ? columns : 8, link = 0;
+
+    for (x = 0; x < columns; x++) {
+        if (x % wide == 0)
+            link = envsamp__cell_link(kd, ENVSAMP__INNER | kd->nodes_at / 4, x, y0, wide, y1 - y0);
+        for (y = y0; y < y1; y++)
+            grid[(y << kd->grid_bits_x) + x] = envsamp__cell_link(kd, link, x, y, 1, 1);
+    }
+}
+
+/* ---- blocks of WARP ---- */
+
+ENVSAMP__MATH envsamp__warp_region envsamp__tile_region(const envsamp_kd *kd, uint32_t tile)
+{
+    envsamp__warp_region r = { 0, { 0.0f, 0.0f }, { 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f, 0.0f } };
+
+    r.edges = ENVSAMP__RECORDS(kd)[tile].edges;
+    r.link = ENVSAMP__RECORDS(kd)[tile].link;
+    return r;
+}
+
+/* Its area, of the whole unit square: the probability of what is below it. */
+static double envsamp__region_area(const envsamp_kd *kd, const envsamp__warp_region *r)
+{
+    return ((double)r->high[0] - (double)r->low[0]) * ((double)r->high[1] - (double)r->low[1])
+         / (double)envsamp__tile_count(kd);
+}
+
+/* Makes a region the lower or the higher side of its cut, but for the link. */
+ENVSAMP__MATH void envsamp__region_side(envsamp__warp_region *r, const envsamp__sample_node *node,
+                                       int high)
+{
+    int axis = envsamp__sign(node->cut);
+
+    *(high ? &r->low[axis] : &r->high[axis]) = ENVSAMP_FABSF(node->cut);
+    *(axis ? high ? &r->edges.y0 : &r->edges.y1 : high ? &r->edges.x0 : &r->edges.x1) = node->edge;
+}
+
+/* The same of a region of a table. */
+ENVSAMP__MATH void envsamp__take_side(const envsamp_kd *kd, envsamp__warp_region *r, int high)
+{
+    const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, r->link);
+
+    envsamp__region_side(r, node, high);
+    r->link = node->child[high];
+}
+
+/* ---- writing WARP ---- */
+
+/* Weight of a block that is lit, however little: zero would leave its light unsampled. */
+static double envsamp__lit_weight(const envsamp__block *block, double weight)
+{
+    return block->whole.peak > 0.0f && weight < DBL_MIN ? DBL_MIN : weight;
+}
+
+static double envsamp__block_q(const envsamp__block *b)
+{
+    return envsamp__lit_weight(b, envsamp__q(envsamp__block_sr(b), b->whole.square));
+}
+
+/* Q of what a link of the tree leads to. */
+static double envsamp__link_q(const envsamp__tree *tree, const double *q, uint32_t link)
+{
+    return link & ENVSAMP__LEAF ? envsamp__block_q(&tree->blocks[link & ~ENVSAMP__LEAF]) : q[link];
+}
+
+/* Adds what a block costs that has a density. */
+static void envsamp__add_cost(envsamp_kd_job *job, const envsamp__block *b, double pdf)
+{
+    envsamp_kd *kd = (envsamp_kd *)job->base.table;
+
+    if (pdf > 0.0) {
+        job->second += b->whole.square / pdf;
+        kd->max_ratio = envsamp__max(kd->max_ratio, (double)b->whole.peak
+                                                    / (pdf * job->base.map.integral));
+    }
+}
+
+/* Writes the cut of a part and sets its two sides. It divides the part's units of 2^-24 in
+   proportion to Q but for rounding: a lit side gets one at least, a black one none. Where there are
+   too few, the part becomes one block: returns 0, and both sides are the part itself. */
+static int envsamp__write_cut(envsamp_kd_job *job, const envsamp_kd *kd, const envsamp__part *p,
+                              envsamp__sample_node *node, envsamp__part *low, envsamp__part *high)
+{
+    envsamp__cut *cut = &job->tree.cuts[p->r.link];
+    int axis = cut->axis;
+    float side = (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+    uint32_t units = (uint32_t)((p->r.high[axis] - p->r.low[axis]) * side), cut_at;
+    double low_q = envsamp__link_q(&job->tree, job->probability, cut->child[0]);
+    double high_q = envsamp__link_q(&job->tree, job->probability, cut->child[1]);
+
+    *low = *high = *p;
+    low->r.link = cut->child[0];
+    high->r.link = cut->child[1];
+    if (p->is_merged || (low_q > 0.0 && high_q > 0.0 && units < 2)) {
+        job->leaf_count += !p->is_merged;
+        low->is_merged = high->is_merged = 1;
+        cut->axis = -1;
+        return 0;
+    }
+    cut_at = (uint32_t)((low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5) * (double)units
+                        + 0.5);
+    if (low_q > 0.0 && cut_at < 1)
+        cut_at = 1;
+    if (high_q > 0.0 && cut_at > units - 1)
+        cut_at = units - 1;
+    node->cut = envsamp__with_sign(p->r.low[axis] + (float)cut_at / side, axis);
+    node->edge = envsamp__stored_edge(job->tree.map, cut->at, axis);
+    envsamp__region_side(&low->r, node, 0);
+    envsamp__region_side(&high->r, node, 1);
+    low->child = &node->child[0];
+    high->child = &node->child[1];
+    return 1;
+}
+
+/* The tile in column at[0], row at[1] of the grid over the unit square: the way down the crown. */
+static envsamp__warp_region envsamp__find_tile(const envsamp__tree *tree, const envsamp_kd *kd,
+                                               const uint32_t at[2])
+{
+    uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
+    envsamp__warp_region r = { 0, { 0.0f, 0.0f }, { 1.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f } };
+    int level;
+
+    r.link = envsamp__root(tree);
+    if (kd->mapping == ENVSAMP_LATLONG)
+        r.edges.y1 = -0.0f;
+    for (level = 0; level < tree->tile_bits; level++) {
+        const envsamp__cut *cut = &tree->cuts[r.link];
+        uint32_t side = at[cut->axis] >> --bits[cut->axis] & 1;
+        float edge = envsamp__stored_edge(tree->map, cut->at, cut->axis);
+
+        *(cut->axis ? side ? &r.edges.y0 : &r.edges.y1
+                    : side ? &r.edges.x0 : &r.edges.x1) = edge;
+        r.link = cut->child[side];
+    }
+    return r;
+}
+
+/* Tile i, and all below it. The density of a block is the area of its place in the unit square over
+   its solid angle. */
+static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
+{
+    envsamp__record *tile = (envsamp__record *)(void *)(kd + 1) + i;
+    envsamp__part *stack = job->parts;
+    uint32_t at[2];
+    int top = 1;
+
+    at[0] = i & ((1u << kd->tile_bits_x) - 1);
+    at[1] = i >> kd->tile_bits_x;
+    stack[0].r = envsamp__find_tile(&job->tree, kd, at);
+    stack[0].child = &tile->link;
+    stack[0].is_merged = 0;
+    tile->edges = stack[0].r.edges;
+    while (top > 0) {
+        envsamp__part part = stack[--top];
+        uint32_t place = envsamp__cut_place(kd, job->cut_count);
+
+        if (part.r.link & ENVSAMP__LEAF) {
+            uint32_t block = part.r.link & ~ENVSAMP__LEAF;
+            float pdf = (float)(envsamp__region_area(kd, &part.r)
+                                / envsamp__edges_sr(kd->mapping, &part.r.edges));
+
+            *part.child = envsamp__float_bits(pdf);
+            job->density[block] = pdf;
+            job->leaf_count += !part.is_merged;
+            envsamp__add_cost(job, &job->tree.blocks[block], (double)pdf);
+        } else {
+            envsamp__sample_node *node = (envsamp__sample_node *)(void *)((uint32_t *)(void *)kd
+                                                                          + place);
+
+            if (envsamp__write_cut(job, kd, &part, node, &stack[top + 1], &stack[top])) {
+                *part.child = ENVSAMP__INNER | place;
+                job->cut_count++;
+            }
+            top += 2;
+        }
+    }
+}
+
+/* ---- the build ---- */
+
+/* Sorts blocks by their weights, fits the model, and takes their probabilities from it. */
 static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__tree *tree = &job->tree;
@@ -4565,13 +4555,9 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
                          job->lm_scratch };
     envsamp__fit_point best;
     double *key = job->probability, total = 0.0, gamma, low, error;
-    int chi2 = job->desc.objective == ENVSAMP_KD_CHI2, i;
+    int i;
 
     for (i = 0; i < tree->block_count; i++) {
-        const envsamp__block *b = &tree->blocks[i];
-
-        key[i] = chi2 ? envsamp__block_q(b) : envsamp__lit_weight(b, b->whole.sum);
-        job->order[i] = (uint32_t)i;
         total += key[i];
         fit.count += key[i] > 0.0;
     }
@@ -4602,12 +4588,11 @@ static double envsamp__excess(double second, double integral)
     return envsamp__max(second / integral / integral - 1.0, 0.0);
 }
 
-/* ALIAS and FIT: edges and densities in the order of the table, and what they cost together. */
+/* ALIAS and FIT: edges and densities in the order of the table. */
 static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__map *map = &job->base.map;
     envsamp__record *record = (envsamp__record *)(void *)(kd + 1);
-    double second = 0.0;
     uint32_t i;
 
     for (i = 0; i < kd->block_count; i++, record++) {
@@ -4624,63 +4609,72 @@ static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
                                (double)FLT_MIN);
         job->density[number] = (float)pdf;
         record->link = envsamp__float_bits((float)pdf);
-        envsamp__add_cost(&b->whole, pdf, map->integral, &second, &kd->max_ratio);
+        envsamp__add_cost(job, b, pdf);
     }
-    kd->excess_variance = envsamp__excess(second, map->integral);
 }
 
-/* What draws the blocks; WARP: one more tile, after the last where the other arrays are. Returns 0
-   when all is written. */
-static int envsamp__write_samples(envsamp_kd_job *job, envsamp_kd *kd, uint32_t tile)
+/* All arrays but the grid; WARP: one more tile, after the last the others. Returns 0 at the end. */
+static int envsamp__write_arrays(envsamp_kd_job *job, envsamp_kd *kd, uint32_t item)
 {
-    envsamp__warp_writer *w = &job->writer;
-    uint32_t tiles = envsamp__tile_count(kd);
-
     if (kd->select != ENVSAMP_KD_WARP) {
-        envsamp__kd_layout(kd);
         envsamp__write_blocks(job, kd);
-        if (kd->select == ENVSAMP_KD_ALIAS)
-            envsamp__alias_build(job->draws, job->tree.block_count, (int)kd->alias_shift,
-                                 ENVSAMP__ARRAY_OUT(uint32_t, kd, alias), job->stack);
-        return 0;
+    } else {
+        envsamp__write_tile(job, kd, item);
+        if (item + 1 < envsamp__tile_count(kd))
+            return 1;
+        kd->block_count = kd->drawn_count = job->leaf_count;
     }
-    envsamp__write_tile(w, tile);
-    if (tile + 1 < tiles)
-        return 1;
-    kd->block_count = kd->drawn_count = w->leaf_count;
-    kd->excess_variance = envsamp__excess(w->second, job->base.map.integral);
-    kd->max_ratio = w->max_ratio;
+    kd->excess_variance = envsamp__excess(job->second, job->base.map.integral);
     envsamp__kd_layout(kd);
+    if (kd->select == ENVSAMP_KD_ALIAS)
+        envsamp__alias_build(job->draws, job->tree.block_count, (int)kd->alias_shift,
+                             ENVSAMP__ARRAY_OUT(uint32_t, kd, alias), job->stack);
+    envsamp__write_pdf_nodes(job, kd);
     return 0;
 }
 
-/* How often blocks are drawn. */
+/* What the header says of the build, and how often blocks are drawn. */
 static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__source *source = &job->base.source;
+    const envsamp_kd_desc *desc = &job->desc;
     envsamp__tree *tree = &job->tree;
     double *q = job->probability;
-    int i;
+    int fit_l1 = desc->select == ENVSAMP_KD_FIT && desc->objective != ENVSAMP_KD_CHI2, i;
 
+    kd->version = ENVSAMP__KD_VERSION;
+    kd->select = desc->select;
+    kd->model = desc->model;
+    kd->criterion = desc->criterion;
+    kd->mapping = source->image.mapping;
+    kd->width = (uint32_t)source->image.width;
+    kd->height = (uint32_t)source->image.height;
+    kd->bilinear = !desc->nearest;
     kd->integral = source->compensation > 0.0f ? source->integral : tree->map->integral;
     kd->mis_compensation = source->compensation;
     kd->bad_pixel_count = source->bad_pixel_count;
-    kd->block_count = (uint32_t)tree->block_count;
-    if (kd->select == ENVSAMP_KD_ALIAS) {
-        envsamp__choose_alias(job, kd);
-    } else if (kd->select == ENVSAMP_KD_FIT) {
-        envsamp__choose_fit(job, kd);
-    } else {
-        job->writer.tree = tree;
-        job->writer.q = q;
-        job->writer.kd = kd;
-        job->writer.density = job->density;
+    kd->block_count = kd->drawn_count = (uint32_t)tree->block_count;
+    if (kd->select == ENVSAMP_KD_WARP) {
         for (i = tree->block_count - 2; i >= 0; i--)    /* children come after their parents */
             q[i] = envsamp__link_q(tree, q, tree->cuts[i].child[0])
                  + envsamp__link_q(tree, q, tree->cuts[i].child[1]);
         kd->tile_bits_x = (uint32_t)envsamp__crown_columns(tree, tree->tile_bits);
         kd->tile_bits_y = (uint32_t)tree->tile_bits - kd->tile_bits_x;
+        return;
     }
+    for (i = 0; i < tree->block_count; i++) {
+        const envsamp__block *b = &tree->blocks[i];
+
+        job->order[i] = (uint32_t)i;
+        q[i] = fit_l1 ? envsamp__lit_weight(b, b->whole.sum) : envsamp__block_q(b);
+    }
+    if (kd->select == ENVSAMP_KD_FIT) {
+        envsamp__choose_fit(job, kd);
+        return;
+    }
+    envsamp__round_draws(q, tree->block_count, job->draws);
+    for (i = 0; i < tree->block_count; i++)
+        q[i] = (double)job->draws[i] / (double)ENVSAMP__UNIT;
 }
 
 /* A description with the numbers that its zeros mean. */
@@ -4698,21 +4692,6 @@ static envsamp_kd_desc envsamp__kd_filled(const envsamp_kd_desc *desc)
 
 ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void) { return envsamp__kd_filled(NULL); }
 
-/* What a table says of its build from the start. */
-static void envsamp__kd_head(envsamp_kd *kd, const envsamp_image *image,
-                             const envsamp_kd_desc *desc)
-{
-    ENVSAMP_MEMSET(kd, 0, sizeof *kd);
-    kd->version = ENVSAMP__KD_VERSION;
-    kd->select = desc->select;
-    kd->model = desc->model;
-    kd->criterion = desc->criterion;
-    kd->mapping = image->mapping;
-    kd->width = (uint32_t)image->width;
-    kd->height = (uint32_t)image->height;
-    kd->bilinear = !desc->nearest;
-}
-
 ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_sizes *sizes)
 {
@@ -4724,10 +4703,18 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
 
     if (result != ENVSAMP_OK)
         return result;
-    if (!envsamp__kd_desc_valid(&filled))
+    if (filled.block_count < 1 || filled.block_count > 1048576
+        || (uint32_t)filled.select > ENVSAMP_KD_FIT
+        || (uint32_t)filled.criterion > ENVSAMP_KD_RANGE
+        || (uint32_t)filled.model > ENVSAMP_KD_POWER
+        || (uint32_t)filled.objective > ENVSAMP_KD_CHI2
+        || !envsamp__in_range(filled.mis_compensation, 0.0f, 1.0f) || filled.facing
+        || !envsamp__is_zero(filled.excess_target)
+        || !envsamp__is_zero(filled.importance_exponent))
         return ENVSAMP_ERR_PARAM;
     envsamp__kd_carve(&job, image, &filled, &arena);
-    envsamp__kd_head(&layout, image, &filled);
+    ENVSAMP_MEMSET(&layout, 0, sizeof layout);
+    layout.select = filled.select;
     layout.block_count = (uint32_t)job.block_limit;
     if (filled.select == ENVSAMP_KD_WARP)
         layout.tile_bits_x = (uint32_t)envsamp__most_tile_bits(job.block_limit);
@@ -4735,46 +4722,42 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
 
-/* Makes row `item` of the level of the pyramid that is being made. */
-static int envsamp__pyramid_row(envsamp_kd_job *job, int item)
+/* All phases of kd. Returns 0 at the end of one. */
+static int envsamp__kd_work(envsamp__job *base, int item)
 {
-    envsamp__map *map = &job->base.map;
-    envsamp__level *level = &map->levels[job->level];
+    envsamp_kd_job *job = (envsamp_kd_job *)(void *)base;
+    envsamp_kd *kd = (envsamp_kd *)base->table;
+    envsamp__map *map = &base->map;
+    envsamp__tree *tree = &job->tree;
+    envsamp__level *level;
+    uint32_t rows, high;
     int x;
 
-    if (job->level >= map->level_count)
-        return 0;
-    for (x = 0; x < level->width; x++)
-        level->cells[(size_t)item * (size_t)level->width + (size_t)x] =
-            envsamp__merge_cells(map, level - 1, x, item);
-    if (item + 1 == level->height) {
-        job->level++;
-        job->base.next = 0;
-    }
-    return 1;
-}
-
-/* Items that make the pyramid and cut the map into blocks. Returns 0 at the end of a phase. */
-static int envsamp__kd_split(envsamp_kd_job *job, int item)
-{
-    envsamp__map *map = &job->base.map;
-    envsamp__tree *tree = &job->tree;
-    int warp = job->desc.select == ENVSAMP_KD_WARP;
-
-    switch (job->base.phase) {
+    switch (base->phase) {
     case ENVSAMP__ROWS:
-        job->base.result = envsamp__map_row(map, &job->base.source, item);
+        base->result = envsamp__map_row(map, &base->source, item);
         if (item + 1 < map->image_height)
             return 1;
-        if (job->base.result == ENVSAMP_OK && !(map->integral > 0.0))
-            job->base.result = ENVSAMP_ERR_BLACK;
+        if (base->result == ENVSAMP_OK && !(map->integral > 0.0))
+            base->result = ENVSAMP_ERR_BLACK;
         job->level = 2;
         return 0;
     case ENVSAMP__PYRAMID:
-        return envsamp__pyramid_row(job, item);
+        if (job->level >= map->level_count)
+            return 0;
+        level = &map->levels[job->level];
+        for (x = 0; x < level->width; x++)
+            level->cells[(size_t)item * (size_t)level->width + (size_t)x] =
+                envsamp__merge_cells(map, level - 1, x, item);
+        if (item + 1 == level->height) {
+            job->level++;
+            base->next = 0;
+        }
+        return 1;
     case ENVSAMP__CROWN:
         if (item == 0)
-            envsamp__crown_begin(tree, warp ? envsamp__most_tile_bits(job->block_limit) : 0);
+            envsamp__crown_begin(tree, job->desc.select == ENVSAMP_KD_WARP
+                                       ? envsamp__most_tile_bits(job->block_limit) : 0);
         return envsamp__crown_step(tree);
     case ENVSAMP__TILES:
         if (item + 1 < tree->block_count)
@@ -4784,40 +4767,22 @@ static int envsamp__kd_split(envsamp_kd_job *job, int item)
         return item + 1 < tree->block_count;
     case ENVSAMP__SPLITS:
         return envsamp__split_step(tree, job->block_limit);
-    default:
+    case ENVSAMP__MOMENTS:
         if (item + 2 < tree->block_count && tree->blocks[item + 2].rough)
             envsamp__prefetch(tree, &tree->blocks[item + 2].rect);
         if (tree->blocks[item].rough)
             tree->blocks[item].whole = envsamp__rect_moments(map, &tree->blocks[item].rect);
         return item + 1 < tree->block_count;
-    }
-}
-
-static int envsamp__kd_work(envsamp__job *base, int item)
-{
-    envsamp_kd_job *job = (envsamp_kd_job *)(void *)base;
-    envsamp_kd *kd = (envsamp_kd *)base->table;
-    envsamp__pdf_writer nodes = { &job->tree, kd, NULL, NULL, 0 };
-    uint32_t rows, high;
-
-    switch (base->phase) {
     case ENVSAMP__PROBABILITIES:
         envsamp__choose(job, kd);
         return 0;
     case ENVSAMP__WRITE:
-        if (envsamp__write_samples(job, kd, (uint32_t)item))
-            return 1;
-        nodes.density = job->density;
-        nodes.next = job->order;
-        envsamp__write_pdf_nodes(&nodes);
-        return 0;
-    case ENVSAMP__GRID:
+        return envsamp__write_arrays(job, kd, (uint32_t)item);
+    default:
         rows = 1u << kd->grid_bits_y;
         high = rows < 8 ? rows : 8;
         envsamp__write_grid(kd, (uint32_t)item * high, (uint32_t)(item + 1) * high);
         return (uint32_t)(item + 1) * high < rows;
-    default:
-        return envsamp__kd_split(job, item);
     }
 }
 
@@ -4842,7 +4807,6 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
     *job = (envsamp_kd_job *)scratch.data;
     envsamp__kd_carve(*job, image, &filled, &arena);
     ENVSAMP_MEMSET(table.data, 0, sizes.table_bytes);
-    envsamp__kd_head((envsamp_kd *)table.data, image, &filled);
     envsamp__job_start(&(*job)->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user,
                        filled.strict);
     return ENVSAMP_OK;
@@ -4960,39 +4924,6 @@ static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
         if (!envsamp__link_valid(grid[i], first, end))
             return 0;
     return 1;
-}
-
-/* ---- blocks of WARP ---- */
-
-/* Part of a tile: in the tile's own unit square, in the map, and the link that leads to it. */
-typedef struct envsamp__warp_region { uint32_t link; float low[2], high[2]; envsamp__edges edges; }
-    envsamp__warp_region;
-
-ENVSAMP__MATH envsamp__warp_region envsamp__tile_region(const envsamp_kd *kd, uint32_t tile)
-{
-    envsamp__warp_region r = { 0, { 0.0f, 0.0f }, { 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f, 0.0f } };
-
-    r.edges = ENVSAMP__RECORDS(kd)[tile].edges;
-    r.link = ENVSAMP__RECORDS(kd)[tile].link;
-    return r;
-}
-
-/* Its area, of the whole unit square: the probability of what is below it. */
-static double envsamp__region_area(const envsamp_kd *kd, const envsamp__warp_region *r)
-{
-    return ((double)r->high[0] - (double)r->low[0]) * ((double)r->high[1] - (double)r->low[1])
-         / (double)envsamp__tile_count(kd);
-}
-
-/* Makes a region that is cut its lower or its higher side. */
-ENVSAMP__MATH void envsamp__take_side(const envsamp_kd *kd, envsamp__warp_region *r, int high)
-{
-    const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, r->link);
-    int axis = envsamp__sign(node->cut);
-
-    *(high ? &r->low[axis] : &r->high[axis]) = ENVSAMP_FABSF(node->cut);
-    *(axis ? high ? &r->edges.y0 : &r->edges.y1 : high ? &r->edges.x0 : &r->edges.x1) = node->edge;
-    r->link = node->child[high];
 }
 
 /* Whether a region has edges in the map and either a density, and, if that is above 0, a place in
