@@ -5757,7 +5757,8 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
         const envsamp__edges row = { 0.0f, 1.0f, envsamp__cdf_row_edge(rows + y),
                                      envsamp__cdf_row_edge(rows + y + 1) };
         double sr = envsamp__edges_sr(cdf->mapping, &row) / (double)cdf->image_width;
-        double density = (double)(edges[y + 1] - edges[y]) / ENVSAMP__PARTS_2 / sr;
+        double draws = (double)(edges[y + 1] - edges[y]) / ENVSAMP__PARTS_2;
+        double density = sr > 0.0 ? draws / sr : 0.0;
 
         if (!(sr > 0.0) || !(rows[y].polar < rows[y + 1].polar)
             || !envsamp__in_range(rows[y].density, 0.0f, FLT_MAX)
