@@ -1199,7 +1199,7 @@ ENVSAMP_DEF const char *envsamp_result_string(envsamp_result result)
     case ENVSAMP_ERR_NULL: return "a required pointer is NULL";
     case ENVSAMP_ERR_SIZE: return "width, height, channels or stride out of range";
     case ENVSAMP_ERR_PARAM: return "a field of the description is out of range";
-    case ENVSAMP_ERR_VALUE: return "a pixel is NaN, infinite or negative";
+    case ENVSAMP_ERR_VALUE: return "a from is NaN, infinite or negative";
     case ENVSAMP_ERR_BLACK: return "the total importance is zero: nothing to sample";
     case ENVSAMP_ERR_MEMORY: return "a buffer is too small";
     case ENVSAMP_ERR_ALIGN: return "a buffer, pixels or a row stride is not aligned";
@@ -1293,7 +1293,7 @@ static int envsamp__check_add(const void *table, uint64_t most, envsamp__check *
 {
     envsamp__check sums = *s;
     envsamp__table head;
-    uint64_t word[4], sum = 0, end;
+    uint64_t bits[4], sum = 0, end;
     int k;
 
     ENVSAMP_MEMCPY(&head, table, sizeof head);
@@ -1301,15 +1301,15 @@ static int envsamp__check_add(const void *table, uint64_t most, envsamp__check *
         sums.lane[0] = head.mapping;
         sums.at = offsetof(envsamp__table, bytes);
     }
-    for (end = sums.at + most; sums.at < end && sums.at < head.bytes; sums.at += sizeof word) {
-        if (head.bytes - sums.at >= sizeof word) {
-            ENVSAMP_MEMCPY(word, (const char *)table + sums.at, sizeof word);
+    for (end = sums.at + most; sums.at < end && sums.at < head.bytes; sums.at += sizeof bits) {
+        if (head.bytes - sums.at >= sizeof bits) {
+            ENVSAMP_MEMCPY(bits, (const char *)table + sums.at, sizeof bits);
         } else {
-            ENVSAMP_MEMSET(word, 0, sizeof word);
-            ENVSAMP_MEMCPY(word, (const char *)table + sums.at, (size_t)(head.bytes - sums.at));
+            ENVSAMP_MEMSET(bits, 0, sizeof bits);
+            ENVSAMP_MEMCPY(bits, (const char *)table + sums.at, (size_t)(head.bytes - sums.at));
         }
         for (k = 0; k < 4; k++) {
-            sums.lane[k] = (sums.lane[k] ^ word[k]) * ENVSAMP__SPREAD;
+            sums.lane[k] = (sums.lane[k] ^ bits[k]) * ENVSAMP__SPREAD;
             sums.lane[k] ^= sums.lane[k] >> 32;
         }
     }
@@ -2274,20 +2274,13 @@ static inline void envsamp__cell_mean(float a0, float a1, float c0, float c1, fl
     *variance = 0.25f * spread * (rise * rise) + (1.0f / 12.0f) * (dm * dm + spread * (dr * dr));
 }
 
-/* The value at t, 0..1, between a and b, not above both, so that it cannot overflow. */
-static inline float envsamp__mix(float a, float b, float t)
-{
-    float value = a + t * (b - a), high = a > b ? a : b;
-
-    return value < high ? value : high;
-}
-
 /* Maximum between knots a and c, of the part of a row. */
 static inline float envsamp__knot_peak(float a, float c, float top, float end)
 {
-    float upper = envsamp__mix(a, c, top), lower = envsamp__mix(a, c, end);
+    float upper = a + top * (c - a), lower = a + end * (c - a), high = a > c ? a : c;
+    float most = upper > lower ? upper : lower;
 
-    return upper > lower ? upper : lower;
+    return most < high ? most : high;       /* else it may overflow */
 }
 
 /* Makes `count` cells, without maxima unless `peaks` is nonzero. Knots above and below the row
@@ -2779,9 +2772,13 @@ static envsamp__moments envsamp__cut_cell(const envsamp__map *map, const float *
 
     for (i = 0; i < 2; i++) {
         const float *above = upper + column->knot[i], *below = lower + column->knot[i];
+        float high_a = above[0] > above[b] ? above[0] : above[b];
+        float high_c = below[0] > below[b] ? below[0] : below[b];
 
-        a[i] = envsamp__mix(above[0], above[b], column->share[i]);
-        c[i] = envsamp__mix(below[0], below[b], column->share[i]);
+        a[i] = above[0] + column->share[i] * (above[b] - above[0]);
+        c[i] = below[0] + column->share[i] * (below[b] - below[0]);
+        a[i] = a[i] < high_a ? a[i] : high_a;       /* else they may overflow */
+        c[i] = c[i] < high_c ? c[i] : high_c;
         peak[i] = envsamp__knot_peak(a[i], c[i], top, end);
     }
     envsamp__cell_mean(map->scale * a[0], map->scale * a[b], map->scale * c[0], map->scale * c[b],
@@ -4272,8 +4269,8 @@ static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
 
         if (part.r.link & ENVSAMP__LEAF) {
             uint32_t block = part.r.link & ~ENVSAMP__LEAF;
-            float pdf = (float)(envsamp__region_area(kd, &part.r)
-                                / envsamp__edges_sr(kd->mapping, &part.r.edges));
+            double sr = envsamp__edges_sr(kd->mapping, &part.r.edges);
+            float pdf = (float)envsamp__max(envsamp__region_area(kd, &part.r) / sr, 0.0);
 
             *part.child = envsamp__float_bits(pdf);
             job->density[block] = pdf;
@@ -5128,10 +5125,13 @@ typedef struct envsamp__descent { uint32_t link, cut; } envsamp__descent;
 ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, envsamp__descent *d,
                                         int *axis)
 {
-    const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd,
-                                                    d->link & (0u - (d->link >> 31)));
-    uint32_t high = envsamp__is_high(node->cut[d->cut], place);
+    const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, d->link);
+    uint32_t high;
 
+    *axis = 0;
+    if (!(d->link & ENVSAMP__INNER))        /* of a damaged table */
+        return 0;
+    high = envsamp__is_high(node->cut[d->cut], place);
     *axis = envsamp__sign(node->cut[d->cut]);
     d->cut = 2 * d->cut + 1 + high;
     if (d->cut > 2) {
@@ -6463,12 +6463,16 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
 {
     const envsamp_image image = { NULL, width, height, 1, 0, ENVSAMP_LATLONG };
     const envsamp__pixels map = { &image, NULL };
-    envsamp_result result = envsamp__begin_sizes(desc ? &image : NULL, sizes);
     envsamp__arena arena = { NULL, 0 };
     envsamp__halftone h;
 
-    if (result != ENVSAMP_OK)
-        return result;
+    if (!sizes)
+        return ENVSAMP_ERR_NULL;
+    sizes->table_bytes = sizes->scratch_bytes = 0;
+    if (!desc)
+        return ENVSAMP_ERR_NULL;
+    if (width < 1 || width > 65535 || height < 1 || height > 65535)     /* bytes do not matter */
+        return ENVSAMP_ERR_SIZE;
     if (desc->count < 1 || (uint32_t)desc->kernel > ENVSAMP_KERNEL_RANDOM
         || (uint32_t)desc->scan > ENVSAMP_SCAN_TEXELS)
         return ENVSAMP_ERR_PARAM;
@@ -6709,18 +6713,18 @@ static size_t envsamp__sum_texel_columns(const envsamp__patches *p, int x, int c
         const uint8_t *label = p->labels ? p->labels + (size_t)y * (size_t)p->image->width
                                            + (size_t)x : NULL;
         double row_sr = p->pixels->row_sr[y];
-        const float *pixel = NULL;
+        const float *from = NULL;
 
         for (i = 0; i < count; i = end) {       /* runs of texels that count */
             while (label && i < count && label[i] != p->label)
                 i++;
             for (end = label ? i : count; end < count && label[end] == p->label; )
                 end++;
-            if (!pixel && i < end)
-                pixel = envsamp__read_pixels(envsamp__pixel_at(p->image, x, y), channels, count,
+            if (!from && i < end)
+                from = envsamp__read_pixels(envsamp__pixel_at(p->image, x, y), channels, count,
                                              mended, &bad);
             if (i < end)
-                envsamp__add_floats(pixel + i * channels, channels * (end - i), row_sr,
+                envsamp__add_floats(from + i * channels, channels * (end - i), row_sr,
                                     sum + i * channels);
             whole += end - i == count ? row_sr : 0.0;
             for (; i < end && end - i < count; i++)
@@ -7973,11 +7977,11 @@ static void envsamp__survey_rows(envsamp__lights *l)
     for (y = 0; y < image->height; y++)
         for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
             int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
-            const float *pixel = envsamp__read_pixels(envsamp__pixel_at(image, x, y), channels,
+            const float *from = envsamp__read_pixels(envsamp__pixel_at(image, x, y), channels,
                                                       count, mended, &l->info.bad_pixel_count);
 
             for (i = 0; i < count; i += ENVSAMP__LANES)
-                envsamp__add_floats(pixel + i * channels,
+                envsamp__add_floats(from + i * channels,
                                     channels * envsamp__min(ENVSAMP__LANES, count - i),
                                     l->pixels.row_sr[y], sum);
         }
