@@ -633,7 +633,7 @@ typedef struct envsamp_lights_desc {
     float weight_variance;           /* DECOMPOSED: what decides which EnvIndirect to cut in two, */
     float weight_extent;             /* 0 or more; all 0: 1, 5, 1; the illumination cut before */
     float weight_energy;             /* [18] is 1, 0, 0, the best measured 0, 1, 2 */
-    int   refine_rounds;             /* at most so many: of k-means in DECOMPOSED; of moves in
+    int   refine_rounds;             /* most rounds: of k-means in DECOMPOSED; of moves in
                                         RELAXED, less above 100 lights and none above 1024; 0: 64;
                                         negative: none, RELAXED goes to centroids */
     uint32_t seed;                   /* of RANDOM, DECOMPOSED, start of HALFTONE */
@@ -731,7 +731,7 @@ typedef struct envsamp_lm_info {
     double cost;      /* sum of squared residuals at the params returned; it may be infinite */
 } envsamp_lm_info;
 
-/* Bytes of scratch that envsamp_lm wants: 8 m (n + 2). 0 if `desc` is NULL or out of range. */
+/* Bytes of scratch that envsamp_lm needs: 8 m (n + 2). 0 if `desc` is NULL or out of range. */
 ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc);
 
 /* Nonlinear least squares: moves `params` to a local minimum of the sum of squared residuals.
@@ -1227,7 +1227,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_ot
 
 /* ---- memory ---- */
 
-/* Where arrays begin in a buffer: at multiples of so many bytes from its start. */
+/* Where arrays begin in a buffer: at multiples of this many bytes from its start. */
 #define ENVSAMP__GRANULE 16
 
 /* Hands out pieces of a buffer, or, without one, only counts their bytes. */
@@ -1286,7 +1286,7 @@ typedef struct envsamp__table {
 
 typedef struct envsamp__check { uint64_t lane[4], at; } envsamp__check;
 
-/* Adds at most so many bytes of a table, a multiple of 32, to sums that begin as zeros. Returns 0
+/* Adds at most `most` bytes of a table, a multiple of 32, to sums that begin as zeros. Returns 0
    when all of it is in, and its checksum. Zeros complete the last four words. */
 static int envsamp__check_add(const void *table, uint64_t most, envsamp__check *s,
                               uint32_t *checksum)
@@ -2481,7 +2481,7 @@ static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *sourc
     return ENVSAMP_OK;
 }
 
-/* With `lines` 0 there is memory for all knots and the pyramid, else for so many lines of knots.
+/* With `lines` 0 there is memory for all knots and the pyramid, else for `lines` lines of knots.
    The coarsest level has ENVSAMP__TOP cells at most. */
 static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, int bilinear,
                                uint64_t lines, envsamp__arena *arena)
@@ -2538,7 +2538,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
  * read at finer levels if it is uneven, else its light is taken for uniform.
  * ========================================================================================== */
 
-#define ENVSAMP__CUT_CELLS 512      /* so many are read at level 0 where coarser cells are cut */
+#define ENVSAMP__CUT_CELLS 512      /* most that are read at level 0 where coarser cells are cut */
 #define ENVSAMP__FLAT 1e-12         /* relative: below it a block is flat */
 #define ENVSAMP__GAIN_FLOOR 0.15    /* of its bound: least priority of a searched block, since two
                                        cuts may gain what one cannot */
@@ -3081,7 +3081,7 @@ static void envsamp__prefetch(const envsamp__tree *tree, const envsamp__rect *re
 typedef struct envsamp__search { double best; int axis, at; } envsamp__search;
 
 /* Tries every cut along one axis and keeps the best. A part of solid angle A, sum S and square
-   sum T is worth S^2/A, the squares its mean explains [1, equation 3], or, for EXCESS, costs
+   sum T counts S^2/A, the squares its mean explains [1, equation 3], or, for EXCESS, costs
    sqrt(A T): the sum of two such roots is compared by its square, which needs one root. */
 static void envsamp__try_cuts(const envsamp__profile *p, int count, double cross, double sr,
                               const envsamp__moments *whole, int excess, int axis,
@@ -3854,7 +3854,7 @@ struct envsamp__job {
     int (*work)(void *job, int item);   /* of the other phases; 0 at the end of one */
 };
 
-/* A job of so many bytes at the beginning of a buffer, and what it reads the map with. */
+/* A job of `bytes` bytes at the beginning of a buffer, and what it reads the map with. */
 static void envsamp__job_carve(envsamp__job *job, size_t bytes, const envsamp_image *image,
                                int bilinear, float compensation, uint64_t lines,
                                envsamp__arena *arena)
@@ -5294,7 +5294,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  *     row_guide   2^row_bits x uint16: the row that is drawn where cell i of as many equal parts of
  *                 [0, 1) begins
  *     polar_guide 2^polar_bits x uint16: the row where cell i of the polar coordinate [0, 2]
- *                 begins; there are so many cells that no more than one edge lies within
+ *                 begins; cells are small enough that no more than one edge lies within
  *     guide       height x 2^guide_bits x uint16: as row_guide, the texel, for each row
  *     edges       height x (width + WALK) x uint32: as row_edges, for each row. A black row has all
  *                 of itself in its first texel, and is not drawn.
@@ -6211,7 +6211,7 @@ static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value
         h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc->seed, h->chosen);
 }
 
-/* Whether so many lit texels are too few for the samples that are missing. */
+/* Whether `lit` texels are too few for the samples that are missing. */
 static int envsamp__is_short(const envsamp__halftone *h, int64_t lit)
 {
     return h->once && lit < h->wanted - h->chosen;
@@ -6527,10 +6527,10 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
 /* ============================================================================================
  * LIGHTS                                                                     [search: @lights]
  *
- * HALFTONE and RANDOM choose texels of the map weighed by solid angle. Each of K is worth I/K of
- * luminance, I being the integral, so it stands for a solid angle of I/K over its luminance, and
- * has that solid angle times its radiance as irradiance. A texel worth several is chosen several
- * times; spread out over others, as a halftone must have it, they would light from beside a sun.
+ * HALFTONE and RANDOM choose texels of the map weighed by solid angle. Each of K lights has I/K of
+ * the integral I of luminance: it stands for a solid angle of I/K over its luminance, and that times
+ * its radiance is its irradiance. A texel with several times I/K is chosen several times; on other
+ * texels, as in a halftone for print, these lights would shine from beside a sun.
  * ========================================================================================== */
 
 /* Solid angle of a texel of each row. A difference of cosines as a product: nothing cancels. */
@@ -6768,8 +6768,8 @@ typedef struct envsamp__cuts {
     double weight[3];               /* DECOMPOSED: of spread, extent and luminance in a key */
 } envsamp__cuts;
 
-/* For `most` regions. A patch has as few texels as so many patches each way allow; it is narrower
-   where that leaves few. */
+/* For `most` regions. A patch has as few texels as the largest number of patches each way
+   allows; it is narrower where that leaves few. */
 static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp__pixels *pixels,
                                 envsamp_lights_method rule, int most, envsamp__arena *arena)
 {
@@ -7867,7 +7867,7 @@ static void envsamp__make_directs(envsamp__lights *l, envsamp_light *lights)
 
 /* ---- EnvIndirects ---- */
 
-/* Cuts what is not emissive into so many lights. Spread, extent and luminance are divided by the
+/* Cuts what is not emissive into `count` lights. Spread, extent and luminance are divided by the
    largest of regions that can be cut, anew after every cut, after 64 ever more seldom. */
 static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light *lights)
 {
