@@ -291,7 +291,8 @@ static int pdf_lines(const envsamp_kd *kd, const float dir[3])
         + ((size_t)envsamp__index(d.polar * 0.5f * down, 1u << kd->grid_bits_y)
            << kd->grid_bits_x)
         + envsamp__index(d.azimuth * 0.25f * across, 1u << kd->grid_bits_x);
-    uint32_t link = *cell;
+    uint64_t place;
+    uint32_t link = envsamp__grid_link(kd, d, &place);
 
     TOUCH(mapping);
     TOUCH(grid_bits_x);
@@ -300,7 +301,7 @@ static int pdf_lines(const envsamp_kd *kd, const float dir[3])
     touch(&set, kd, cell, sizeof *cell);
     while (link & ENVSAMP__INNER) {
         touch(&set, kd, ENVSAMP__LINKED(envsamp__pdf_node, kd, link), sizeof(envsamp__pdf_node));
-        link = envsamp__node_step(kd, link, envsamp__coord_bits(d));
+        link = envsamp__node_step(kd, link, place);
     }
     return set.count;
 }
