@@ -6528,9 +6528,9 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
  * LIGHTS                                                                     [search: @lights]
  *
  * HALFTONE and RANDOM choose texels of the map weighed by solid angle. Each of K lights has I/K of
- * the integral I of luminance: it stands for a solid angle of I/K over its luminance, and that times
- * its radiance is its irradiance. A texel with several times I/K is chosen several times; on other
- * texels, as in a halftone for print, these lights would shine from beside a sun.
+ * the integral I of luminance: it stands for a solid angle of I/K over its luminance, and that
+ * times its radiance is its irradiance. A texel with several times I/K is chosen several times; on
+ * other texels, as in a halftone for print, these lights would shine from beside a sun.
  * ========================================================================================== */
 
 /* Solid angle of a texel of each row. A difference of cosines as a product: nothing cancels. */
