@@ -1199,7 +1199,7 @@ ENVSAMP_DEF const char *envsamp_result_string(envsamp_result result)
     case ENVSAMP_ERR_NULL: return "a required pointer is NULL";
     case ENVSAMP_ERR_SIZE: return "width, height, channels or stride out of range";
     case ENVSAMP_ERR_PARAM: return "a field of the description is out of range";
-    case ENVSAMP_ERR_VALUE: return "a from is NaN, infinite or negative";
+    case ENVSAMP_ERR_VALUE: return "a pixel is NaN, infinite or negative";
     case ENVSAMP_ERR_BLACK: return "the total importance is zero: nothing to sample";
     case ENVSAMP_ERR_MEMORY: return "a buffer is too small";
     case ENVSAMP_ERR_ALIGN: return "a buffer, pixels or a row stride is not aligned";
@@ -1281,9 +1281,9 @@ typedef struct envsamp__table {
     uint64_t bytes;
 } envsamp__table;
 
-/* Four sums, each of every fourth 64-bit word, so that their multiplications overlap. */
 #define ENVSAMP__SPREAD ((uint64_t)0x9e3779b97f4a7c15)
 
+/* Four sums, each of every fourth 64-bit word, so that their multiplications overlap. */
 typedef struct envsamp__check { uint64_t lane[4], at; } envsamp__check;
 
 /* Adds at most `most` bytes of a table, a multiple of 32, to sums that begin as zeros. Returns 0
@@ -1716,7 +1716,7 @@ ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const f
     }
 }
 
-/* ---- places and solid angles ---- */
+/* ---- coordinates and solid angles ---- */
 
 typedef struct envsamp__cell { float mean, rms, peak; } envsamp__cell;
 typedef struct envsamp__moments { double sum, square; float peak; } envsamp__moments;
@@ -4276,15 +4276,14 @@ static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
             job->density[block] = pdf;
             job->leaf_count += !part.is_merged;
             envsamp__add_cost(job, &job->tree.blocks[block], (double)pdf);
-        } else {
-            if (envsamp__write_cut(job, kd, &part,
-                                   ENVSAMP__LINKED_OUT(envsamp__sample_node, kd, place),
-                                   &stack[top + 1], &stack[top])) {
-                *part.child = ENVSAMP__INNER | place;
-                job->cut_count++;
-            }
-            top += 2;
+            continue;
         }
+        if (envsamp__write_cut(job, kd, &part, ENVSAMP__LINKED_OUT(envsamp__sample_node, kd, place),
+                               &stack[top + 1], &stack[top])) {
+            *part.child = ENVSAMP__INNER | place;
+            job->cut_count++;
+        }
+        top += 2;
     }
 }
 
@@ -5125,12 +5124,13 @@ typedef struct envsamp__descent { uint32_t link, cut; } envsamp__descent;
 ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, envsamp__descent *d,
                                         int *axis)
 {
-    const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, d->link);
+    const envsamp__pdf_node *node;
     uint32_t high;
 
     *axis = 0;
     if (!(d->link & ENVSAMP__INNER))        /* of a damaged table */
         return 0;
+    node = ENVSAMP__LINKED(envsamp__pdf_node, kd, d->link);
     high = envsamp__is_high(node->cut[d->cut], place);
     *axis = envsamp__sign(node->cut[d->cut]);
     d->cut = 2 * d->cut + 1 + high;
@@ -5492,8 +5492,10 @@ static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
         ENVSAMP_MEMCPY(job->cell_square + x0, square, sizeof square);
         ENVSAMP_MEMCPY(job->cell_max + x0, peak, sizeof peak);
     }
-    for (; x0 % ENVSAMP__CHUNK; x0++)       /* to whole chunks */
-        job->cell_square[x0] = (double)(job->cell_max[x0] = 0.0f);
+    for (; x0 % ENVSAMP__CHUNK; x0++) {     /* to whole chunks */
+        job->cell_square[x0] = 0.0;
+        job->cell_max[x0] = 0.0f;
+    }
     for (x = 1; x < 8; x++) {
         total[0] += total[x];
         sum[0] += sum[x];
@@ -5520,7 +5522,6 @@ static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
     for (x0 = 0; x0 < width; x0 += ENVSAMP__CHUNK) {
         const double *cell_square = job->cell_square + x0;
         const float *cell_max = job->cell_max + x0;
-
         const uint32_t *edge = edges + x0;
 
         if (x0 + ENVSAMP__CHUNK > width) {
@@ -5891,8 +5892,8 @@ ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_pla
     return at.valid ? (float)(int)((edge[1] - edge[0]) << half) * density : 0.0f;
 }
 
-/* Where in its texel a sample lies. Draws are half a part further than they say: else one in so
-   many would lie on an edge, where rounding decides which texel it belongs to. */
+/* Where in its cell a sample lies. Half a part is added to draws: without it the first draw of a
+   cell would lie on the edge, where rounding decides which cell it belongs to. */
 ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__cdf_place at,
                                                uint32_t across, uint32_t down)
 {
