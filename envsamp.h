@@ -1918,24 +1918,12 @@ static int envsamp__store_cut(const envsamp__map *map, const envsamp__rect *rect
         && key < envsamp__edge_key(envsamp__stored_edge(map, axis ? rect->y1 : rect->x1, axis));
 }
 
-typedef struct envsamp__edges { float x0, x1, y0, y1; } envsamp__edges;
-
-/* Solid angle between stored edges: what samples of the block really fill. */
-static double envsamp__edges_sr(uint32_t mapping, const envsamp__edges *e)
+/* Solid angle between the stored edges x0, x1, y0, y1: what samples of the block really fill. */
+static double envsamp__edges_sr(uint32_t mapping, const float edge[4])
 {
-    return envsamp__unit_sr(mapping) * ((double)e->x1 - (double)e->x0)
-         * envsamp__cap_between((double)ENVSAMP_FABSF(e->y0), envsamp__sign(e->y0),
-                                (double)ENVSAMP_FABSF(e->y1), envsamp__sign(e->y1));
-}
-
-/* Edges that rise and are inside the map. */
-static int envsamp__edges_valid(uint32_t mapping, const envsamp__edges *e)
-{
-    return (mapping == ENVSAMP_LATLONG || !(envsamp__sign(e->y0) | envsamp__sign(e->y1)))
-        && envsamp__in_range(e->x0, 0.0f, 1.0f) && envsamp__in_range(e->x1, 0.0f, 1.0f)
-        && e->x0 < e->x1
-        && envsamp__in_range(e->y0, -1.0f, 1.0f) && envsamp__in_range(e->y1, -1.0f, 1.0f)
-        && envsamp__edge_key(e->y0) < envsamp__edge_key(e->y1);
+    return envsamp__unit_sr(mapping) * ((double)edge[1] - (double)edge[0])
+         * envsamp__cap_between((double)ENVSAMP_FABSF(edge[2]), envsamp__sign(edge[2]),
+                                (double)ENVSAMP_FABSF(edge[3]), envsamp__sign(edge[3]));
 }
 
 /* ---- points of a block ---- */
@@ -3644,11 +3632,11 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  *                          it one more if `bits` is odd) are the bin; where the others of u1, xor
  *                          the leading bits of ~bin 0x9e3779b9, are below own, it draws the block
  *                          of its number, else block `alias`.
- *     nodes    all         block_count / 2 + 1 x { float cut[3]; link child[4] }: the tree, for
- *                          pdf(dir), two levels a node: cut[0], below it cut[1] and cut[2], below
- *                          these the children in this order. A cut is an azimuth, or, with a minus
- *                          sign, a polar angle, in the coordinates below; 0 where there is none.
- *                          The first levels of the tree are the crown, down to the tiles.
+ *     nodes    all         node_count x { float cut[3]; link child[4] }: the tree, for pdf(dir),
+ *                          two levels a node: cut[0], below it cut[1] and cut[2], below these the
+ *                          children in this order. A cut is an azimuth, or, with a minus sign, a
+ *                          polar angle, in the coordinates below; 0 where there is none. The first
+ *                          node has the root; the first levels are the crown, down to the tiles.
  *     grid     all         2^(grid_bits_x + grid_bits_y) x link: the deepest whose region holds the
  *                          cell (i, j), i along azimuth, at j 2^grid_bits_x + i
  *
@@ -3667,10 +3655,10 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  * ========================================================================================== */
 
 #define ENVSAMP__KD_MAGIC 0x444b5345u   /* "ESKD" in memory */
-#define ENVSAMP__KD_VERSION 5u
+#define ENVSAMP__KD_VERSION 6u
 #define ENVSAMP__INNER 0x80000000u      /* of a link: not a density */
 
-typedef struct envsamp__record { envsamp__edges edges; uint32_t link; } envsamp__record;
+typedef struct envsamp__record { float edge[4]; uint32_t link; } envsamp__record;
 typedef struct envsamp__sample_node { float cut, edge; uint32_t child[2]; } envsamp__sample_node;
 typedef struct envsamp__pdf_node { float cut[3]; uint32_t child[4]; } envsamp__pdf_node;
 
@@ -3693,7 +3681,7 @@ struct envsamp_kd {
     double fit_total;                           /* 104: FIT: G(n) */
     double integral, excess_variance, max_ratio, alpha, beta, l1;       /* 112: see info */
     uint64_t bad_pixel_count;                   /* 160 */
-    uint32_t spare[6];                          /* 168 */
+    uint32_t node_count, spare[5];              /* 168 */
 };
 
 typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 192 ? 1 : -1];
@@ -3707,10 +3695,9 @@ typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 192 ? 1 : -1];
 /* The records, which follow the header, and what a link leads to. */
 #define ENVSAMP__RECORDS(kd) \
     ((const envsamp__record *)(const void *)((const char *)(kd) + sizeof(envsamp_kd)))
+#define ENVSAMP__RECORDS_OUT(kd) ((envsamp__record *)(void *)((char *)(kd) + sizeof(envsamp_kd)))
 #define ENVSAMP__LINKED(type, kd, link) ((const type *)(const void *) \
     ((const char *)(kd) + 4 * (size_t)((link) & ~ENVSAMP__INNER)))
-#define ENVSAMP__LINKED_OUT(type, kd, link) ((type *)(void *) \
-    ((char *)(kd) + 4 * (size_t)((link) & ~ENVSAMP__INNER)))
 
 /* Bits of a power of two that is at least count. */
 static uint32_t envsamp__bits(uint32_t count)
@@ -3727,11 +3714,18 @@ ENVSAMP__MATH uint32_t envsamp__tile_count(const envsamp_kd *kd)
     return 1u << (kd->tile_bits_x + kd->tile_bits_y);
 }
 
-/* The word that a cut of WARP begins at. */
-ENVSAMP__MATH uint32_t envsamp__cut_place(const envsamp_kd *kd, uint32_t number)
+/* What a table has a record of: WARP: tiles, else blocks. */
+ENVSAMP__MATH uint32_t envsamp__record_count(const envsamp_kd *kd)
 {
-    return (uint32_t)(sizeof *kd + envsamp__tile_count(kd) * sizeof(envsamp__record)) / 4
-         + number * (uint32_t)sizeof(envsamp__sample_node) / 4;
+    return kd->select == ENVSAMP_KD_WARP ? envsamp__tile_count(kd) : kd->block_count;
+}
+
+/* The link to a cut of WARP. */
+ENVSAMP__MATH uint32_t envsamp__cut_link(const envsamp_kd *kd, uint32_t number)
+{
+    return ENVSAMP__INNER
+         | (uint32_t)(sizeof *kd + envsamp__record_count(kd) * sizeof(envsamp__record)
+                      + number * sizeof(envsamp__sample_node)) / 4;
 }
 
 /* The place of an array that follows those that end at `end`, which moves on to its end. */
@@ -3747,7 +3741,7 @@ static uint32_t envsamp__allot(uint32_t *end, uint32_t count, uint32_t size)
 static void envsamp__kd_layout(envsamp_kd *kd)
 {
     uint32_t bits = envsamp__bits(kd->block_count), end = (uint32_t)sizeof *kd;
-    uint32_t tiles = kd->select == ENVSAMP_KD_WARP ? envsamp__tile_count(kd) : kd->block_count;
+    uint32_t records = envsamp__record_count(kd);
 
     kd->alias_shift = 24 - bits;
     kd->grid_bits_x = bits / 2 + 1;             /* up to four cells a block */
@@ -3756,10 +3750,10 @@ static void envsamp__kd_layout(envsamp_kd *kd)
     kd->fit_step = kd->model == ENVSAMP_KD_POWER ? 0.0f
                  : (float)(0.69314718055994530942 * kd->fit_total / (double)ENVSAMP__UNIT);
     kd->fit_end = envsamp__bits_float(envsamp__float_bits((float)kd->drawn_count) - 1);
-    envsamp__allot(&end, tiles, sizeof(envsamp__record));
-    envsamp__allot(&end, kd->block_count - tiles, sizeof(envsamp__sample_node));
+    envsamp__allot(&end, records, sizeof(envsamp__record));
+    envsamp__allot(&end, kd->block_count - records, sizeof(envsamp__sample_node));
     kd->alias_at = envsamp__allot(&end, kd->select == ENVSAMP_KD_ALIAS ? 1u << bits : 0, 4);
-    kd->nodes_at = envsamp__allot(&end, kd->block_count / 2 + 1, sizeof(envsamp__pdf_node));
+    kd->nodes_at = envsamp__allot(&end, kd->node_count, sizeof(envsamp__pdf_node));
     kd->grid_at = envsamp__allot(&end, 1u << (kd->grid_bits_x + kd->grid_bits_y), 4);
     kd->bytes = end;
 }
@@ -3830,49 +3824,41 @@ static void envsamp__job_start(envsamp__job *job, void *table, uint32_t magic,
                ? ENVSAMP__SURVEY : ENVSAMP__ROWS;
 }
 
-/* Returns 0 at the end of a phase. */
-static int envsamp__job_item(envsamp__job *job, int item)
+static envsamp_result envsamp__job_step(envsamp__job *job, int count, int *done)
 {
     envsamp__table head;
     int more;
 
-    switch (job->phase) {
-    case ENVSAMP__SURVEY:
-        job->result = envsamp__survey_row(&job->source, &job->map, item, job->map.knots);
-        return item + 1 < job->map.image_height;
-    case ENVSAMP__CHECKSUM:
-        ENVSAMP_MEMCPY(&head, job->table, sizeof head);
-        more = envsamp__check_add(job->table, ENVSAMP__SUMMED, &job->sums, &head.checksum);
-        head.magic = more ? 0 : job->magic;
-        ENVSAMP_MEMCPY(job->table, &head, sizeof head);
-        return more;
-    default:
-        return job->work(job, item);
-    }
-}
+    for (; count > 0 && job->result == ENVSAMP_OK && job->phase != ENVSAMP__DONE; count--) {
+        int item = job->next++;
 
-static envsamp_result envsamp__job_step(envsamp__job *job, int count, int *done)
-{
-    for (; count > 0 && job->result == ENVSAMP_OK && job->phase != ENVSAMP__DONE; count--)
-        if (!envsamp__job_item(job, job->next++)) {
+        if (job->phase == ENVSAMP__SURVEY) {
+            job->result = envsamp__survey_row(&job->source, &job->map, item, job->map.knots);
+            more = item + 1 < job->map.image_height;
+        } else if (job->phase == ENVSAMP__CHECKSUM) {
+            ENVSAMP_MEMCPY(&head, job->table, sizeof head);
+            more = envsamp__check_add(job->table, ENVSAMP__SUMMED, &job->sums, &head.checksum);
+            head.magic = more ? 0 : job->magic;
+            ENVSAMP_MEMCPY(job->table, &head, sizeof head);
+        } else {
+            more = job->work(job, item);
+        }
+        if (!more) {
             job->phase = (envsamp__phase)(job->phase + 1);
             job->next = 0;
         }
+    }
     if (done)
         *done = job->result != ENVSAMP_OK || job->phase == ENVSAMP__DONE;
     return job->result;
 }
 
-/* Part of a tile: in the tile's own unit square, in the map, and the link that leads to it. */
-typedef struct envsamp__warp_region { uint32_t link; float low[2], high[2]; envsamp__edges edges; }
-    envsamp__warp_region;
-
-/* A part that is to be written: its link is that of the tree, `child` where it goes in the table. A
-   part of what became one block, as the unit square had no room for its cuts, is as large as the
-   whole. */
+/* A part of a tile that is to be written: its link in the tree, its edges x0, x1, y0, y1 in the
+   tile's own unit square and in the map, and where its link in the table goes. A merged one is part
+   of a block that the unit square had no room to cut, and has the edges of this block. */
 typedef struct envsamp__part {
-    envsamp__warp_region r;
-    uint32_t *child;
+    float cut[4], edge[4];
+    uint32_t link, *child;
     int is_merged;
 } envsamp__part;
 
@@ -3883,13 +3869,12 @@ struct envsamp_kd_job {
     int level, block_limit;         /* PYRAMID: the level that is made */
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target;                 /* FIT: of the fit, sorted */
-    uint32_t *order;                /* blocks of the tree in the order of the table; then numbers */
+    uint32_t *order;                /* blocks of the tree in the order of the table; then nodes */
     float *density;                 /* of each block of the tree */
     uint32_t *draws, *stack;        /* ALIAS */
     double second;                  /* moment of L / pdf of what is written */
     envsamp__part *parts;           /* WARP: a stack of ENVSAMP__WARP_DEPTH + 2 */
-    uint32_t cut_count, leaf_count; /* WARP: written */
-    uint32_t pending;               /* nodes: see write_half */
+    uint32_t cut_count;             /* WARP: written */
 };
 
 /* Puts a job's arrays into a buffer that begins with the job. */
@@ -3933,83 +3918,58 @@ static uint32_t envsamp__root(const envsamp__tree *tree)
     return tree->block_count > 1 ? 0 : ENVSAMP__LEAF;
 }
 
-/* The cut that a link of the tree leads to; NULL for a block, and for cuts that were not made. */
-static const envsamp__cut *envsamp__linked_cut(const envsamp__tree *tree, uint32_t link)
+/* Numbers nodes from 1 in order[cut], by the cuts at even depths that they begin with. Where these
+   are more than half, by those at odd depths, and the root is below a node that has no other cut.
+   Returns how many. */
+static uint32_t envsamp__number_nodes(envsamp_kd_job *job)
 {
-    return link & ENVSAMP__LEAF || tree->cuts[link].axis < 0 ? NULL : &tree->cuts[link];
-}
+    uint32_t *number = job->order, blocks = (uint32_t)job->tree.block_count, count, even = 1, c, i;
 
-/* Whether fewer cuts are at odd depths: then nodes begin with these, at most half of all, and the
-   root is below a node that has no other cut. Else nodes begin with those at even depths. */
-static int envsamp__odd_depths(const envsamp_kd_job *job)
-{
-    const envsamp__tree *tree = &job->tree;
-    uint32_t cut_count = (uint32_t)tree->block_count - 1, *parity = job->order, c;
-    int even = 0, side;
-
-    for (c = 0; c < cut_count; c++)
-        parity[c] = c ? 2 : 0;
-    for (c = 0; c < cut_count; c++) {           /* children come after their parents */
-        even += parity[c] == 0;
-        even -= parity[c] == 1;
-        for (side = 0; side < 2 && parity[c] < 2; side++)
-            if (envsamp__linked_cut(tree, tree->cuts[c].child[side]))
-                parity[tree->cuts[c].child[side]] = 1 - parity[c];
-    }
-    return cut_count == 0 || tree->cuts[0].axis < 0 || even > 1;
+    do {
+        number[0] = even;
+        count = !even;
+        for (c = 0; c + 1 < blocks; c++) {      /* children come after their parents */
+            for (i = 0; i < 2; i++)
+                if (!(job->tree.cuts[c].child[i] & ENVSAMP__LEAF))
+                    number[job->tree.cuts[c].child[i]] = !number[c];
+            if (number[c])
+                number[c] = ++count;
+        }
+    } while (even-- && (count < 1 || 2 * count > blocks));
+    return count;
 }
 
 static float envsamp__tree_cut(const envsamp__map *map, const envsamp__cut *cut)
 {
-    if (!cut)
-        return 0.0f;
     return envsamp__node_cut(map->mapping, envsamp__stored_edge(map, cut->at, cut->axis),
                              cut->axis);
 }
 
-/* What is below the top of a node on one side. A child that is to become a node is its cut in the
-   tree until then, and in a list: `pending` is the place in the table, in words, of the first, or
-   0, and job->order[cut] of the one after it. */
-static void envsamp__write_half(envsamp_kd_job *job, envsamp__pdf_node *node, int side,
-                                uint32_t link)
+static void envsamp__write_pdf_nodes(const envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__tree *tree = &job->tree;
-    const envsamp__cut *cut = envsamp__linked_cut(tree, link);
-    int i;
-
-    node->cut[1 + side] = envsamp__tree_cut(tree->map, cut);
-    for (i = 0; i < 2; i++) {
-        uint32_t below = cut ? cut->child[i] : link, *child = &node->child[2 * side + i];
-
-        if (envsamp__linked_cut(tree, below)) {
-            *child = below;
-            job->order[below] = job->pending;
-            job->pending = (uint32_t)((char *)child - (char *)job->base.table) / 4;
-        } else {
-            while (!(below & ENVSAMP__LEAF))
-                below = tree->cuts[below].child[0];
-            *child = envsamp__float_bits(job->density[below & ~ENVSAMP__LEAF]);
-        }
-    }
-}
-
-static void envsamp__write_pdf_nodes(envsamp_kd_job *job, envsamp_kd *kd)
-{
     envsamp__pdf_node *node = ENVSAMP__ARRAY_OUT(envsamp__pdf_node, kd, nodes);
-    uint32_t *child;
-    const envsamp__cut *cut = envsamp__odd_depths(job) ? NULL : job->tree.cuts;
+    const uint32_t *number = job->order, size = sizeof *node / 4;
+    int c, i;
 
-    for (;; node++) {
-        node->cut[0] = envsamp__tree_cut(job->tree.map, cut);
-        if (cut)
-            envsamp__write_half(job, node, 0, cut->child[0]);
-        envsamp__write_half(job, node, 1, cut ? cut->child[1] : envsamp__root(&job->tree));
-        if (!job->pending)
-            return;
-        child = ENVSAMP__LINKED_OUT(uint32_t, kd, job->pending);
-        cut = &job->tree.cuts[*child];
-        job->pending = job->order[*child];
-        *child = ENVSAMP__INNER | (uint32_t)((char *)(node + 1) - (char *)kd) / 4;
+    for (c = number[0] ? 0 : -1; c + 1 < tree->block_count; c++) {
+        if (c >= 0 && !number[c])
+            continue;
+        if (c >= 0)
+            node->cut[0] = envsamp__tree_cut(tree->map, &tree->cuts[c]);
+        for (i = 0; i < 4; i++) {
+            uint32_t link = c >= 0 ? tree->cuts[c].child[i >> 1] : envsamp__root(tree);
+
+            if (!(link & ENVSAMP__LEAF) && !number[link]) {
+                if (!(i & 1))
+                    node->cut[1 + (i >> 1)] = envsamp__tree_cut(tree->map, &tree->cuts[link]);
+                link = tree->cuts[link].child[i & 1];
+            }
+            node->child[i] = link & ENVSAMP__LEAF
+                           ? envsamp__float_bits(job->density[link & ~ENVSAMP__LEAF])
+                           : ENVSAMP__INNER | (kd->nodes_at / 4 + size * (number[link] - 1));
+        }
+        node++;
     }
 }
 
@@ -4060,39 +4020,39 @@ static void envsamp__write_grid(envsamp_kd *kd, uint32_t y0, uint32_t y1)
 
 /* ---- blocks of WARP ---- */
 
-ENVSAMP__MATH envsamp__warp_region envsamp__tile_region(const envsamp_kd *kd, uint32_t tile)
+/* The way down from a tile: a region's edges x0, x1, y0, y1 in the tile's own unit square, `cut`,
+   and in the map, `edge`, both `stride` apart. Both functions return a link. */
+ENVSAMP__HOT uint32_t envsamp__enter_tile(const envsamp_kd *kd, int tile, float *cut, float *edge,
+                                          size_t stride)
 {
-    envsamp__warp_region r = { 0, { 0.0f, 0.0f }, { 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f, 0.0f } };
+    const envsamp__record *record = ENVSAMP__RECORDS(kd) + tile;
+    int k;
 
-    r.edges = ENVSAMP__RECORDS(kd)[tile].edges;
-    r.link = ENVSAMP__RECORDS(kd)[tile].link;
-    return r;
+    edge[0] = record->edge[0];
+    edge[stride] = record->edge[1];
+    edge[2 * stride] = record->edge[2];
+    edge[3 * stride] = record->edge[3];
+    for (k = 0; k < 4; k++)
+        cut[(size_t)k * stride] = (float)(k & 1);
+    return record->link;
 }
 
-/* Its area, of the whole unit square: the probability of what is below it. */
-static double envsamp__region_area(const envsamp_kd *kd, const envsamp__warp_region *r)
+/* Makes a region the lower or the higher side of its cut. */
+ENVSAMP__HOT uint32_t envsamp__take_side(const envsamp__sample_node *node, uint32_t high,
+                                         float *cut, float *edge, size_t stride)
 {
-    return ((double)r->high[0] - (double)r->low[0]) * ((double)r->high[1] - (double)r->low[1])
+    uint32_t side = 2 * (envsamp__float_bits(node->cut) >> 31) + 1 - high;
+
+    cut[side * stride] = ENVSAMP_FABSF(node->cut);
+    edge[side * stride] = node->edge;
+    return node->child[high];
+}
+
+/* A region's share of the whole unit square: the probability of what is below it. */
+static double envsamp__region_area(const envsamp_kd *kd, const float cut[4])
+{
+    return ((double)cut[1] - (double)cut[0]) * ((double)cut[3] - (double)cut[2])
          / (double)envsamp__tile_count(kd);
-}
-
-/* Makes a region the lower or the higher side of its cut, but for the link. */
-ENVSAMP__MATH void envsamp__region_side(envsamp__warp_region *r, const envsamp__sample_node *node,
-                                       int high)
-{
-    int axis = envsamp__sign(node->cut);
-
-    *(high ? &r->low[axis] : &r->high[axis]) = ENVSAMP_FABSF(node->cut);
-    *(axis ? high ? &r->edges.y0 : &r->edges.y1 : high ? &r->edges.x0 : &r->edges.x1) = node->edge;
-}
-
-/* The same of a region of a table. */
-ENVSAMP__MATH void envsamp__take_side(const envsamp_kd *kd, envsamp__warp_region *r, int high)
-{
-    const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, r->link);
-
-    envsamp__region_side(r, node, high);
-    r->link = node->child[high];
 }
 
 /* ---- writing WARP ---- */
@@ -4129,23 +4089,22 @@ static void envsamp__add_cost(envsamp_kd_job *job, const envsamp__block *b, doub
 /* Writes the cut of a part and sets its two sides. It divides the part's units of 2^-24 in
    proportion to Q but for rounding: a lit side gets one at least, a black one none. Where there are
    too few, the part becomes one block: returns 0, and both sides are the part itself. */
-static int envsamp__write_cut(envsamp_kd_job *job, const envsamp_kd *kd, const envsamp__part *p,
-                              envsamp__sample_node *node, envsamp__part *low, envsamp__part *high)
+static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
+                              const envsamp__part *p, envsamp__sample_node *node,
+                              envsamp__part *low, envsamp__part *high)
 {
-    envsamp__cut *cut = &job->tree.cuts[p->r.link];
+    const envsamp__cut *cut = &job->tree.cuts[p->link];
     int axis = cut->axis;
     float side = (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-    uint32_t units = (uint32_t)((p->r.high[axis] - p->r.low[axis]) * side), cut_at;
+    uint32_t units = (uint32_t)((p->cut[2 * axis + 1] - p->cut[2 * axis]) * side), cut_at;
     double low_q = envsamp__link_q(&job->tree, job->probability, cut->child[0]);
     double high_q = envsamp__link_q(&job->tree, job->probability, cut->child[1]);
 
     *low = *high = *p;
-    low->r.link = cut->child[0];
-    high->r.link = cut->child[1];
+    low->link = cut->child[0];
+    high->link = cut->child[1];
     if (p->is_merged || (low_q > 0.0 && high_q > 0.0 && units < 2)) {
-        job->leaf_count += !p->is_merged;
         low->is_merged = high->is_merged = 1;
-        cut->axis = -1;
         return 0;
     }
     cut_at = (uint32_t)((low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5) * (double)units
@@ -4154,71 +4113,65 @@ static int envsamp__write_cut(envsamp_kd_job *job, const envsamp_kd *kd, const e
         cut_at = 1;
     if (high_q > 0.0 && cut_at > units - 1)
         cut_at = units - 1;
-    node->cut = envsamp__with_sign(p->r.low[axis] + (float)cut_at / side, axis);
+    node->cut = envsamp__with_sign(p->cut[2 * axis] + (float)cut_at / side, axis);
     node->edge = envsamp__stored_edge(job->tree.map, cut->at, axis);
-    envsamp__region_side(&low->r, node, 0);
-    envsamp__region_side(&high->r, node, 1);
+    envsamp__take_side(node, 0, low->cut, low->edge, 1);
+    envsamp__take_side(node, 1, high->cut, high->edge, 1);
     low->child = &node->child[0];
     high->child = &node->child[1];
     return 1;
 }
 
-/* The tile in column at[0], row at[1] of the grid over the unit square: the way down the crown. */
-static envsamp__warp_region envsamp__find_tile(const envsamp__tree *tree, const envsamp_kd *kd,
-                                               const uint32_t at[2])
+/* A tile as a part, but for where its link goes: the way down the crown. */
+static envsamp__part envsamp__find_tile(const envsamp__tree *tree, const envsamp_kd *kd, uint32_t i)
 {
-    uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
-    envsamp__warp_region r = { 0, { 0.0f, 0.0f }, { 1.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f } };
+    envsamp__part p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 0, NULL, 0 };
+    uint32_t at[2], bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
     int level;
 
-    r.link = envsamp__root(tree);
+    at[0] = i & ((1u << kd->tile_bits_x) - 1);
+    at[1] = i >> kd->tile_bits_x;
+    p.link = envsamp__root(tree);
     if (kd->mapping == ENVSAMP_LATLONG)
-        r.edges.y1 = -0.0f;
+        p.edge[3] = -0.0f;
     for (level = 0; level < tree->tile_bits; level++) {
-        const envsamp__cut *cut = &tree->cuts[r.link];
-        uint32_t side = at[cut->axis] >> --bits[cut->axis] & 1;
-        float edge = envsamp__stored_edge(tree->map, cut->at, cut->axis);
+        const envsamp__cut *cut = &tree->cuts[p.link];
+        uint32_t high = at[cut->axis] >> --bits[cut->axis] & 1;
 
-        *(cut->axis ? side ? &r.edges.y0 : &r.edges.y1
-                    : side ? &r.edges.x0 : &r.edges.x1) = edge;
-        r.link = cut->child[side];
+        p.edge[2 * cut->axis + !high] = envsamp__stored_edge(tree->map, cut->at, cut->axis);
+        p.link = cut->child[high];
     }
-    return r;
+    return p;
 }
 
 /* Tile i, and all below it. The density of a block is the area of its place in the unit square over
    its solid angle. */
 static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
 {
-    envsamp__record *tile = (envsamp__record *)(void *)((char *)kd + sizeof *kd) + i;
+    envsamp__record *tile = ENVSAMP__RECORDS_OUT(kd) + i;
     envsamp__part *stack = job->parts;
-    uint32_t at[2];
     int top = 1;
 
-    at[0] = i & ((1u << kd->tile_bits_x) - 1);
-    at[1] = i >> kd->tile_bits_x;
-    stack[0].r = envsamp__find_tile(&job->tree, kd, at);
+    stack[0] = envsamp__find_tile(&job->tree, kd, i);
     stack[0].child = &tile->link;
-    stack[0].is_merged = 0;
-    tile->edges = stack[0].r.edges;
+    ENVSAMP_MEMCPY(tile->edge, stack[0].edge, sizeof tile->edge);
     while (top > 0) {
         envsamp__part part = stack[--top];
-        uint32_t place = envsamp__cut_place(kd, job->cut_count);
+        uint32_t next = envsamp__cut_link(kd, job->cut_count), block = part.link & ~ENVSAMP__LEAF;
 
-        if (part.r.link & ENVSAMP__LEAF) {
-            uint32_t block = part.r.link & ~ENVSAMP__LEAF;
-            double sr = envsamp__edges_sr(kd->mapping, &part.r.edges);
-            float pdf = (float)envsamp__max(envsamp__region_area(kd, &part.r) / sr, 0.0);
+        if (part.link & ENVSAMP__LEAF) {
+            double sr = envsamp__edges_sr(kd->mapping, part.edge);
+            float pdf = (float)envsamp__max(envsamp__region_area(kd, part.cut) / sr, 0.0);
 
             *part.child = envsamp__float_bits(pdf);
             job->density[block] = pdf;
-            job->leaf_count += !part.is_merged;
             envsamp__add_cost(job, &job->tree.blocks[block], (double)pdf);
             continue;
         }
-        if (envsamp__write_cut(job, kd, &part, ENVSAMP__LINKED_OUT(envsamp__sample_node, kd, place),
+        if (envsamp__write_cut(job, kd, &part, (envsamp__sample_node *)(void *)
+                               ((char *)kd + 4 * (size_t)(next & ~ENVSAMP__INNER)),
                                &stack[top + 1], &stack[top])) {
-            *part.child = ENVSAMP__INNER | place;
+            *part.child = next;
             job->cut_count++;
         }
         top += 2;
@@ -4271,7 +4224,7 @@ static double envsamp__excess(double second, double integral)
 static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__map *map = &job->base.map;
-    envsamp__record *record = (envsamp__record *)(void *)((char *)kd + sizeof *kd);
+    envsamp__record *record = ENVSAMP__RECORDS_OUT(kd);
     uint32_t i;
 
     for (i = 0; i < kd->block_count; i++, record++) {
@@ -4279,12 +4232,12 @@ static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
         const envsamp__block *b = &job->tree.blocks[number];
         double probability = job->probability[number], pdf = 0.0;
 
-        record->edges.x0 = envsamp__stored_edge(map, b->rect.x0, 0);
-        record->edges.x1 = envsamp__stored_edge(map, b->rect.x1, 0);
-        record->edges.y0 = envsamp__stored_edge(map, b->rect.y0, 1);
-        record->edges.y1 = envsamp__stored_edge(map, b->rect.y1, 1);
+        record->edge[0] = envsamp__stored_edge(map, b->rect.x0, 0);
+        record->edge[1] = envsamp__stored_edge(map, b->rect.x1, 0);
+        record->edge[2] = envsamp__stored_edge(map, b->rect.y0, 1);
+        record->edge[3] = envsamp__stored_edge(map, b->rect.y1, 1);
         if (probability > 0.0)          /* of a steep fit next to 0, but lit */
-            pdf = envsamp__max(probability / envsamp__edges_sr(kd->mapping, &record->edges),
+            pdf = envsamp__max(probability / envsamp__edges_sr(kd->mapping, record->edge),
                                (double)FLT_MIN);
         job->density[number] = (float)pdf;
         record->link = envsamp__float_bits((float)pdf);
@@ -4301,9 +4254,10 @@ static int envsamp__write_arrays(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i
         envsamp__write_tile(job, kd, item);
         if (item + 1 < envsamp__tile_count(kd))
             return 1;
-        kd->block_count = kd->drawn_count = job->leaf_count;
+        kd->block_count = kd->drawn_count = envsamp__tile_count(kd) + job->cut_count;
     }
     kd->excess_variance = envsamp__excess(job->second, job->base.map.integral);
+    kd->node_count = envsamp__number_nodes(job);
     envsamp__kd_layout(kd);
     if (kd->select == ENVSAMP_KD_ALIAS)
         envsamp__alias_build(job->draws, job->tree.block_count, (int)kd->alias_shift,
@@ -4395,6 +4349,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     ENVSAMP_MEMSET(&layout, 0, sizeof layout);
     layout.select = filled.select;
     layout.block_count = (uint32_t)job.block_limit;
+    layout.node_count = layout.block_count / 2 + 1;
     if (filled.select == ENVSAMP_KD_WARP)
         layout.tile_bits_x = (uint32_t)envsamp__most_tile_bits(job.block_limit);
     envsamp__kd_layout(&layout);
@@ -4499,14 +4454,10 @@ ENVSAMP_DEF envsamp_result envsamp_kd_step(envsamp_kd_job *job, int count, int *
 
 ENVSAMP_DEF envsamp_result envsamp_kd_finish(envsamp_kd_job *job, const envsamp_kd **kd)
 {
-    envsamp_result result;
+    envsamp_result result = kd ? envsamp_kd_step(job, INT_MAX, NULL) : ENVSAMP_ERR_NULL;
 
-    if (!kd)
-        return ENVSAMP_ERR_NULL;
-    *kd = NULL;
-    result = envsamp_kd_step(job, INT_MAX, NULL);
-    if (result == ENVSAMP_OK)
-        *kd = (const envsamp_kd *)job->base.table;
+    if (kd)
+        *kd = result == ENVSAMP_OK ? (const envsamp_kd *)job->base.table : NULL;
     return result;
 }
 
@@ -4514,13 +4465,12 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_buffer table,
                                             envsamp_buffer scratch, const envsamp_kd **kd)
 {
-    envsamp_kd_job *job;
-    envsamp_result result;
+    envsamp_kd_job *job = NULL;
+    envsamp_result result = envsamp_kd_begin(image, NULL, NULL, desc, table, scratch,
+                                             kd ? &job : NULL);
 
-    if (!kd)
-        return ENVSAMP_ERR_NULL;
-    *kd = NULL;
-    result = envsamp_kd_begin(image, NULL, NULL, desc, table, scratch, &job);
+    if (kd)
+        *kd = NULL;
     return result == ENVSAMP_OK ? envsamp_kd_finish(job, kd) : result;
 }
 
@@ -4537,7 +4487,7 @@ static int envsamp__kd_header_valid(const envsamp_kd *kd)
         || kd->model > ENVSAMP_KD_POWER || kd->criterion > ENVSAMP_KD_RANGE
         || kd->bilinear > 1 || !envsamp__in_range(kd->mis_compensation, 0.0f, 1.0f)
         || kd->width < 1 || kd->width > 65535 || kd->height < 1 || kd->height > 65535
-        || kd->block_count > 1048576
+        || kd->block_count > 1048576 || kd->node_count < 1 || kd->node_count > 1048576
         || kd->drawn_count < 1 || kd->drawn_count > kd->block_count)
         return 0;
     ENVSAMP_MEMCPY(&layout, kd, sizeof layout);
@@ -4560,26 +4510,40 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
     return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);
 }
 
-/* A density that is finite, or a place of a node from `low` on and before `end`. */
-static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t end)
+/* A density that is finite, or the place of an item of so many words, from `low` on and before
+   `end`. */
+static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t end, uint32_t size)
 {
     uint32_t at = link & ~ENVSAMP__INNER;
 
-    return link & ENVSAMP__INNER ? at >= low && at < end && (at - low) % 7 == 0
+    return link & ENVSAMP__INNER ? at >= low && at < end && (at - low) % size == 0
                                  : link < 0x7f800000u;
 }
 
-/* ALIAS and FIT: blocks inside the map, with finite densities, and bins that name blocks. */
-static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
+/* Inside the map. */
+static int envsamp__edge_valid(const envsamp_kd *kd, float edge, int axis)
 {
-    const envsamp__record *blocks = ENVSAMP__RECORDS(kd);
-    const uint32_t *bins = ENVSAMP__ARRAY(uint32_t, kd, alias);
-    uint32_t room = 1u << kd->alias_shift, bits = 24 - kd->alias_shift, i;
+    return envsamp__in_range(edge, -1.0f, 1.0f)
+        && (!envsamp__sign(edge) || (axis && kd->mapping == ENVSAMP_LATLONG));
+}
 
-    for (i = 0; i < kd->block_count; i++)
-        if (!envsamp__edges_valid(kd->mapping, &blocks[i].edges)
-            || !envsamp__link_valid(blocks[i].link, 0, 0))
+/* Records with edges that rise, and bins that name blocks. */
+static int envsamp__kd_records_valid(const envsamp_kd *kd)
+{
+    const envsamp__record *record = ENVSAMP__RECORDS(kd);
+    const uint32_t *bins = ENVSAMP__ARRAY(uint32_t, kd, alias);
+    uint32_t cuts = envsamp__cut_link(kd, 0) & ~ENVSAMP__INNER, room = 1u << kd->alias_shift;
+    uint32_t bits = 24 - kd->alias_shift, count = envsamp__record_count(kd), i, k;
+
+    for (i = 0; i < count; i++, record++) {
+        for (k = 0; k < 4; k++)
+            if (!envsamp__edge_valid(kd, record->edge[k], k > 1))
+                return 0;
+        if (!(record->edge[0] < record->edge[1])
+            || envsamp__edge_key(record->edge[2]) >= envsamp__edge_key(record->edge[3])
+            || !envsamp__link_valid(record->link, cuts, kd->alias_at / 4, 4))
             return 0;
+    }
     for (i = 0; i < 1u << bits && kd->select == ENVSAMP_KD_ALIAS; i++) {
         uint32_t own = bins[i] >> bits, alias = bins[i] & ((1u << bits) - 1);
 
@@ -4589,71 +4553,41 @@ static int envsamp__kd_blocks_valid(const envsamp_kd *kd)
     return 1;
 }
 
-/* Children come after their parents, so every descent ends. */
+/* Cuts at multiples of 2^-24 of the unit square. Children come after their parents, so every
+   descent ends, and with a cut below the sample and one above it: their order does not matter. */
+static int envsamp__kd_cuts_valid(const envsamp_kd *kd)
+{
+    uint32_t at = envsamp__cut_link(kd, 0) & ~ENVSAMP__INNER, end = kd->alias_at / 4;
+
+    for (; at < end; at += 4) {
+        const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, at);
+        int axis = envsamp__sign(node->cut);
+        float cut = ENVSAMP_FABSF(node->cut);
+        float units = cut * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+
+        if (!envsamp__in_range(cut, 0.0f, 1.0f) || (float)(int)units != units
+            || !envsamp__edge_valid(kd, node->edge, axis)
+            || !envsamp__link_valid(node->child[0], at + 4, end, 4)
+            || !envsamp__link_valid(node->child[1], at + 4, end, 4))
+            return 0;
+    }
+    return 1;
+}
+
 static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
 {
     const envsamp__pdf_node *nodes = ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes);
     const uint32_t *grid = ENVSAMP__ARRAY(uint32_t, kd, grid);
     uint32_t first = kd->nodes_at / 4, end = kd->grid_at / 4, i, k;
 
-    for (i = 0; first + 7 * i < end; i++)
+    for (i = 0; i < kd->node_count; i++)
         for (k = 0; k < 4; k++)
-            if (!envsamp__link_valid(nodes[i].child[k], first + 7 * (i + 1), end))
+            if (!envsamp__link_valid(nodes[i].child[k], first + 7 * (i + 1), end, 7))
                 return 0;
     for (i = 0; i < 1u << (kd->grid_bits_x + kd->grid_bits_y); i++)
-        if (!envsamp__link_valid(grid[i], first, end))
+        if (!envsamp__link_valid(grid[i], first, end, 7))
             return 0;
     return 1;
-}
-
-/* Whether a region has edges in the map and either a density, and, if that is above 0, a place in
-   the unit square, or a cut at `at`, before `end`, which is in it and a multiple of 2^-24. */
-static int envsamp__region_valid(const envsamp_kd *kd, const envsamp__warp_region *r, uint32_t at,
-                                 uint32_t end)
-{
-    const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, at);
-    int axis;
-    float cut, units;
-
-    if (!envsamp__link_valid(r->link, at, at < end ? at + 1 : at)
-        || !envsamp__edges_valid(kd->mapping, &r->edges))
-        return 0;
-    if (!(r->link & ENVSAMP__INNER))
-        return !r->link || (r->low[0] < r->high[0] && r->low[1] < r->high[1]);
-    axis = envsamp__sign(node->cut);
-    cut = ENVSAMP_FABSF(node->cut);
-    units = cut * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-    return envsamp__in_range(cut, r->low[axis], r->high[axis]) && (float)(int)units == units;
-}
-
-/* Walks the cuts below all tiles in the order in which they must lie. */
-static int envsamp__kd_warp_valid(const envsamp_kd *kd)
-{
-    uint32_t count = envsamp__tile_count(kd), tile, at = envsamp__cut_place(kd, 0);
-    uint32_t end = envsamp__cut_place(kd, kd->block_count - count);
-    envsamp__warp_region stack[ENVSAMP__WARP_DEPTH + 2];
-
-    for (tile = 0; tile < count; tile++) {
-        int top = 1;
-
-        stack[0] = envsamp__tile_region(kd, tile);
-        while (top > 0) {
-            envsamp__warp_region *r = &stack[--top];
-
-            if (!envsamp__region_valid(kd, r, at, end))
-                return 0;
-            if (!(r->link & ENVSAMP__INNER))
-                continue;
-            if (top >= ENVSAMP__WARP_DEPTH)
-                return 0;
-            at += (uint32_t)sizeof(envsamp__sample_node) / 4;
-            stack[top + 1] = *r;
-            envsamp__take_side(kd, &stack[top + 1], 0);
-            envsamp__take_side(kd, r, 1);
-            top += 2;
-        }
-    }
-    return at == end;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, const envsamp_kd **kd)
@@ -4670,8 +4604,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, cons
         return result;
     if (!envsamp__kd_header_valid(header)
         || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
-        || !(header->select == ENVSAMP_KD_WARP ? envsamp__kd_warp_valid(header)
-                                               : envsamp__kd_blocks_valid(header))
+        || !envsamp__kd_records_valid(header) || !envsamp__kd_cuts_valid(header)
         || !envsamp__kd_nodes_valid(header))
         return ENVSAMP_ERR_FORMAT;
     *kd = header;
@@ -4769,39 +4702,26 @@ ENVSAMP__HOT envsamp__point envsamp__indexed_sample(const envsamp_kd *kd, int al
                             choice.fy);
 }
 
-/* The way down from a tile. f: place in the tile, across u0 and u1. cut and edge: the edges so
-   far in the unit square and in the map, in the order x0, x1, y0, y1; `stride` apart, like f.
-   Returns the tile's link. */
+/* The tile of two numbers, f, which become the place in it. cut and edge: see enter_tile. */
 ENVSAMP__HOT uint32_t envsamp__warp_start(const envsamp_kd *kd, float *f, float *cut, float *edge,
                                           size_t stride)
 {
     float across = f[0] * (float)(1 << kd->tile_bits_x);
     float down = f[stride] * (float)(1 << kd->tile_bits_y);
-    int column = (int)across, row = (int)down, k;
-    const envsamp__record *tile = ENVSAMP__RECORDS(kd) + ((row << kd->tile_bits_x) + column);
+    int column = (int)across, row = (int)down;
 
     f[0] = across - (float)column;
     f[stride] = down - (float)row;
-    edge[0] = tile->edges.x0;
-    edge[stride] = tile->edges.x1;
-    edge[2 * stride] = tile->edges.y0;
-    edge[3 * stride] = tile->edges.y1;
-    for (k = 0; k < 4; k++)
-        cut[(size_t)k * stride] = (float)(k & 1);
-    return tile->link;
+    return envsamp__enter_tile(kd, (row << kd->tile_bits_x) + column, cut, edge, stride);
 }
 
 ENVSAMP__HOT uint32_t envsamp__warp_step(const envsamp_kd *kd, uint32_t link, const float *f,
                                          float *cut, float *edge, size_t stride)
 {
     const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, link);
-    uint32_t axis = envsamp__float_bits(node->cut) >> 31;
-    float at = ENVSAMP_FABSF(node->cut);
-    uint32_t high = f[axis * stride] >= at;
+    float at = f[(envsamp__float_bits(node->cut) >> 31) * stride];
 
-    cut[(2 * axis + 1 - high) * stride] = at;
-    edge[(2 * axis + 1 - high) * stride] = node->edge;
-    return node->child[high];
+    return envsamp__take_side(node, at >= ENVSAMP_FABSF(node->cut), cut, edge, stride);
 }
 
 ENVSAMP__HOT envsamp__point envsamp__warp_point(const float *f, const float *cut,
@@ -5044,20 +4964,21 @@ ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x
 
 /* Where between two cuts of the unit square lies the fraction f between their edges, as the number
    that samples it: below the higher one, which belongs to the next block. */
-ENVSAMP__MATH float envsamp__invert_between(uint32_t tile, uint32_t bits, float low, float high,
+ENVSAMP__MATH float envsamp__invert_between(uint32_t tile, uint32_t bits, const float cut[2],
                                             double f)
 {
-    double scale = 1.0 / (double)(1u << bits), place = (double)tile;
-    float u, end = (float)((place + (double)high) * scale);
+    double scale = 1.0 / (double)(1u << bits), low = (double)cut[0], high = (double)cut[1];
+    uint32_t end = envsamp__float_bits((float)(((double)tile + high) * scale));
 
-    f = f > 0.0 ? (f < 1.0 ? f : 1.0) : 0.0;
-    u = (float)((place + (double)low + f * ((double)high - (double)low)) * scale);
-    return envsamp__at_most(u, envsamp__bits_float(envsamp__float_bits(end) - 1));
+    f = envsamp__clamp(f, 0.0, 1.0);
+    return envsamp__at_most((float)(((double)tile + low + f * (high - low)) * scale),
+                            envsamp__bits_float(end - (end > 0)));
 }
 
 /* The way down the nodes, one cut at a time: a link to a node, and which of its cuts. */
 typedef struct envsamp__descent { uint32_t link, cut; } envsamp__descent;
 
+/* Which side of the next cut a place is on. */
 ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, envsamp__descent *d,
                                         int *axis)
 {
@@ -5082,9 +5003,9 @@ ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, en
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
                                                  float u[2])
 {
-    uint32_t tile[2] = { 0, 0 }, level;
-    envsamp__descent down = { 0, 0 };
-    envsamp__warp_region r;
+    uint32_t tile[2] = { 0, 0 }, level, link;
+    envsamp__descent down;
+    float cut[4], edge[4];
     envsamp__l1_coords d;
     envsamp__exact e;
     uint64_t place;
@@ -5098,8 +5019,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
         return 0;
     envsamp__grid_link(kd, d, &place);
     down.link = ENVSAMP__INNER | kd->nodes_at / 4;
-    if (!envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]))
-        envsamp__descend(kd, place, &down, &axis);      /* nothing above the root */
+    down.cut = envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]) ? 0 : 2;
     for (level = kd->tile_bits_x + kd->tile_bits_y; level > 0; level--) {
         uint32_t high = envsamp__descend(kd, place, &down, &axis);
 
@@ -5107,17 +5027,17 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     }
     tile[0] &= (1u << kd->tile_bits_x) - 1;             /* of a damaged table, anything */
     tile[1] &= (1u << kd->tile_bits_y) - 1;
-    r = envsamp__tile_region(kd, (tile[1] << kd->tile_bits_x) + tile[0]);
-    while (r.link & ENVSAMP__INNER)
-        envsamp__take_side(kd, &r, (int)envsamp__descend(kd, place, &down, &axis));
-    if (!r.link)
+    link = envsamp__enter_tile(kd, (int)((tile[1] << kd->tile_bits_x) + tile[0]), cut, edge, 1);
+    while (link & ENVSAMP__INNER)
+        link = envsamp__take_side(ENVSAMP__LINKED(envsamp__sample_node, kd, link),
+                                  envsamp__descend(kd, place, &down, &axis), cut, edge, 1);
+    if (!link)
         return 0;
     e = envsamp__dir_exact(kd->mapping, dir);
-    u[0] = envsamp__invert_between(tile[0], kd->tile_bits_x, r.low[0], r.high[0],
-                                   (e.x - (double)r.edges.x0)
-                                   / ((double)r.edges.x1 - (double)r.edges.x0));
-    u[1] = envsamp__invert_between(tile[1], kd->tile_bits_y, r.low[1], r.high[1],
-                                   envsamp__exact_between(e, r.edges.y0, r.edges.y1));
+    u[0] = envsamp__invert_between(tile[0], kd->tile_bits_x, cut, (e.x - (double)edge[0])
+                                                       / ((double)edge[1] - (double)edge[0]));
+    u[1] = envsamp__invert_between(tile[1], kd->tile_bits_y, cut + 2,
+                                   envsamp__exact_between(e, edge[2], edge[3]));
     return 1;
 }
 
@@ -5141,74 +5061,65 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_
     return ENVSAMP_OK;
 }
 
-/* Blocks in the tiles before one: these, and a cut makes one more of each. */
-static uint32_t envsamp__blocks_before(const envsamp_kd *kd, uint32_t tile)
+/* Block `number` of WARP. As many as there are tiles are the first blocks of these; each other one
+   is the first on the higher side of a cut. */
+static void envsamp__warp_block(const envsamp_kd *kd, uint32_t number, float *cut, float *edge)
 {
-    uint32_t count = envsamp__tile_count(kd), next = tile;
+    uint32_t tile = 0, past = envsamp__tile_count(kd), target = 0, link, next;
 
-    while (next < count && !(ENVSAMP__RECORDS(kd)[next].link & ENVSAMP__INNER))
-        next++;
-    return next == count ? kd->block_count - count + tile
-         : tile + ((ENVSAMP__RECORDS(kd)[next].link & ~ENVSAMP__INNER) - envsamp__cut_place(kd, 0))
-                / ((uint32_t)sizeof(envsamp__sample_node) / 4);
-}
+    if (number < past) {
+        tile = number;
+    } else {                            /* the last tile with a link to the cut or one before */
+        target = envsamp__cut_link(kd, number - past);
+        while (past - tile > 1) {
+            uint32_t middle = tile + (past - tile) / 2;
 
-/* Block `number` of WARP: counted tile by tile, below a tile by the order of the cuts. */
-static envsamp__warp_region envsamp__warp_block(const envsamp_kd *kd, uint32_t number)
-{
-    uint32_t tile = 0, past = envsamp__tile_count(kd), cuts;
-    envsamp__warp_region r;
-
-    while (past - tile > 1) {
-        uint32_t middle = tile + (past - tile) / 2;
-
-        if (envsamp__blocks_before(kd, middle) <= number)
-            tile = middle;
-        else
-            past = middle;
+            for (next = middle; next < past; next++)
+                if (ENVSAMP__RECORDS(kd)[next].link & ENVSAMP__INNER)
+                    break;
+            if (next < past && ENVSAMP__RECORDS(kd)[next].link <= target)
+                tile = next;
+            else
+                past = middle;
+        }
     }
-    number -= envsamp__blocks_before(kd, tile);
-    cuts = envsamp__blocks_before(kd, past) - envsamp__blocks_before(kd, tile) - 1;
-    for (r = envsamp__tile_region(kd, tile); cuts > 0;) {
-        const uint32_t *child = ENVSAMP__LINKED(envsamp__sample_node, kd, r.link)->child;
-        uint32_t low = child[0] & ENVSAMP__INNER ? cuts - 1 : 0;    /* cuts of the lower child */
-        int high;
+    link = envsamp__enter_tile(kd, (int)tile, cut, edge, 1);
+    while (link & ENVSAMP__INNER) {
+        const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, link);
+        int high = link == target || (link < target && node->child[1] & ENVSAMP__INNER
+                                      && node->child[1] <= target);
 
-        if (low && child[1] & ENVSAMP__INNER)
-            low = (child[1] - child[0]) / ((uint32_t)sizeof(envsamp__sample_node) / 4);
-        high = number > low;
-        number -= high ? low + 1 : 0;
-        cuts = high ? cuts - 1 - low : low;
-        envsamp__take_side(kd, &r, high);
+        link = envsamp__take_side(node, (uint32_t)high, cut, edge, 1);
     }
-    return r;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number,
                                                 envsamp_kd_block *block)
 {
-    envsamp__warp_region r;
+    float cut[4], edge[4], pdf = 0.0f;
     double sr;
 
     if (!kd || !block)
         return ENVSAMP_ERR_NULL;
     if (number < 0 || number >= (int)kd->block_count)
         return ENVSAMP_ERR_PARAM;
-    r = kd->select == ENVSAMP_KD_WARP ? envsamp__warp_block(kd, (uint32_t)number)
-                                      : envsamp__tile_region(kd, (uint32_t)number);
-    sr = envsamp__edges_sr(kd->mapping, &r.edges);
-    block->uv_min[0] = r.edges.x0;
-    block->uv_min[1] = envsamp__edge_v(kd->mapping, r.edges.y0);
-    block->uv_max[0] = r.edges.x1;
-    block->uv_max[1] = envsamp__edge_v(kd->mapping, r.edges.y1);
+    if (kd->select == ENVSAMP_KD_WARP)
+        envsamp__warp_block(kd, (uint32_t)number, cut, edge);
+    else
+        pdf = envsamp__bits_float(envsamp__enter_tile(kd, number, cut, edge, 1));
+    sr = envsamp__edges_sr(kd->mapping, edge);
+    block->uv_min[0] = edge[0];
+    block->uv_min[1] = envsamp__edge_v(kd->mapping, edge[2]);
+    block->uv_max[0] = edge[1];
+    block->uv_max[1] = envsamp__edge_v(kd->mapping, edge[3]);
     if (block->uv_min[1] >= block->uv_max[1]) {     /* thinner than v in floats tells */
         block->uv_min[1] = envsamp__clamp_unit(block->uv_min[1]);
         block->uv_max[1] = envsamp__bits_float(envsamp__float_bits(block->uv_min[1]) + 1);
     }
+    sr = envsamp__max(sr, 0.0);         /* of a damaged table, anything */
     block->solid_angle = (float)sr;
-    block->probability = (float)(kd->select != ENVSAMP_KD_WARP
-                                 ? (double)envsamp__bits_float(r.link) * sr
-                                 : envsamp__region_area(kd, &r));
+    block->probability = (float)(kd->select != ENVSAMP_KD_WARP ? (double)pdf * sr
+                                 : envsamp__max(envsamp__region_area(kd, cut), 0.0));
     return ENVSAMP_OK;
 }
 
@@ -5692,9 +5603,9 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
             return 0;
     }
     for (y = 0; y < cdf->height; y++) {
-        const envsamp__edges row = { 0.0f, 1.0f, envsamp__cdf_row_edge(rows + y),
+        const float row[4] = { 0.0f, 1.0f, envsamp__cdf_row_edge(rows + y),
                                      envsamp__cdf_row_edge(rows + y + 1) };
-        double sr = envsamp__edges_sr(cdf->mapping, &row) / (double)cdf->image_width;
+        double sr = envsamp__edges_sr(cdf->mapping, row) / (double)cdf->image_width;
         double draws = (double)(edges[y + 1] - edges[y]) / ENVSAMP__PARTS_2;
         double density = sr > 0.0 ? draws / sr : 0.0;
 

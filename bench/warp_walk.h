@@ -35,11 +35,10 @@ static inline void warp_take(const envsamp__sample_node *node, int high, warp_le
 
 static inline warp_leaf warp_enter(const envsamp_kd *kd, uint32_t tile)
 {
-    const envsamp__warp_region region = envsamp__tile_region(kd, tile);
     warp_leaf leaf = { 0, 1, 0, { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 0.0f, 0.0f, 0.0f } };
 
     leaf.tile = tile;
-    memcpy(leaf.edge, &region.edges, sizeof leaf.edge);
+    memcpy(leaf.edge, ENVSAMP__RECORDS(kd)[tile].edge, sizeof leaf.edge);
     return leaf;
 }
 
@@ -64,7 +63,7 @@ static inline warp_leaf warp_locate(const envsamp_kd *kd, const float u[2])
 {
     float f[2];
     warp_leaf leaf = warp_enter(kd, warp_tile_of(kd, u, f));
-    uint32_t link = envsamp__tile_region(kd, leaf.tile).link;
+    uint32_t link = ENVSAMP__RECORDS(kd)[leaf.tile].link;
 
     while (link & ENVSAMP__INNER) {
         const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, link);
@@ -82,7 +81,7 @@ static inline int warp_reads(const envsamp_kd *kd, const float u[2], const void 
 {
     float f[2];
     const uint32_t tile = warp_tile_of(kd, u, f);
-    uint32_t link = envsamp__tile_region(kd, tile).link;
+    uint32_t link = ENVSAMP__RECORDS(kd)[tile].link;
     int count = 1;
 
     read[0] = ENVSAMP__RECORDS(kd) + tile;
@@ -125,7 +124,7 @@ static inline warp_cuts warp_count_cuts(const envsamp_kd *kd)
     for (tile = 0; tile < warp_tile_count(kd); tile++) {
         const warp_leaf top = warp_enter(kd, tile);
 
-        warp_count_below(kd, envsamp__tile_region(kd, tile).link, &top, &cuts);
+        warp_count_below(kd, ENVSAMP__RECORDS(kd)[tile].link, &top, &cuts);
     }
     cuts.expected /= (double)warp_tile_count(kd);
     return cuts;

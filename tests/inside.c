@@ -97,7 +97,7 @@ kd_warp_block kd_tile(const envsamp_kd *kd, int tile)
 
     memcpy(b.edge, base + KD_RECORD_AT(tile), sizeof b.edge);
     memcpy(&b.link, base + KD_RECORD_AT(tile) + sizeof b.edge, sizeof b.link);
-    b.tile = tile;
+    b.tile = b.number = tile;
     b.depth = 0;
     for (axis = 0; axis < 2; axis++) {
         const double side = (double)(1 << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
@@ -125,6 +125,9 @@ static kd_warp_block kd_side(const envsamp_kd *kd, const kd_warp_block *whole, i
     b.edge[2 * axis + (high ? 0 : 1)] = node.edge;
     b.link = node.child[high];
     b.depth++;
+    if (high)
+        b.number = kd_tile_count(kd)
+                 + (int)((4 * (size_t)(whole->link & ~KD_LINK) - inside_kd_cuts(kd)) / sizeof node);
     return b;
 }
 
@@ -141,8 +144,8 @@ int kd_warp_blocks(const envsamp_kd *kd, kd_warp_block *blocks, int room)
             const kd_warp_block b = stack[--top];
 
             if (!(b.link & KD_LINK)) {
-                if (count < room)
-                    blocks[count] = b;
+                if (b.number < room)
+                    blocks[b.number] = b;
                 count++;
             } else if (top < KD_DEEPEST + 1) {
                 stack[top++] = kd_side(kd, &b, 1);

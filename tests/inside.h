@@ -40,7 +40,7 @@ typedef struct kd_warp_block {
     double low[2], high[2];
     float edge[4];
     uint32_t link;
-    int tile, depth;
+    int tile, depth, number;    /* that of the block, or of the first in it */
 } kd_warp_block;
 
 static inline float kd_density(const kd_warp_block *block)
@@ -59,7 +59,7 @@ extern size_t inside_kd_cuts(const envsamp_kd *kd);
 /* A tile, on the way to its blocks. */
 extern kd_warp_block kd_tile(const envsamp_kd *kd, int tile);
 
-/* All blocks, in the order of the table. Returns how many; `room` at most, and no tree deeper than
+/* All blocks, by their numbers. Returns how many; `room` at most, and no tree deeper than
    the limit is walked to its end. */
 extern int kd_warp_blocks(const envsamp_kd *kd, kd_warp_block *blocks, int room);
 

@@ -18,7 +18,7 @@ enum { AT_MAGIC = 0, AT_VERSION = 4, AT_MAPPING = 12, AT_BYTES = 16, AT_SELECT =
        AT_TILE_BITS_X = 28, AT_TILE_BITS_Y = 32, AT_ALIAS_SHIFT = 36, AT_ALIAS = 40,
        AT_GRID_BITS_X = 44, AT_GRID_BITS_Y = 48, AT_GRID = 52, AT_BILINEAR = 76, AT_WIDTH = 80,
        AT_HEIGHT = 84, AT_BLOCK_COUNT = 88, AT_NODES = 96, AT_COMPENSATION = 100,
-       AT_INTEGRAL = 112, AT_EXCESS = 120, AT_MAX_RATIO = 128, AT_BAD_PIXELS = 160,
+       AT_INTEGRAL = 112, AT_EXCESS = 120, AT_MAX_RATIO = 128, AT_BAD_PIXELS = 160, AT_NODE_COUNT = 168,
        AFTER_HEADER = 192 };
 
 enum { WARP = 0, ALIAS = 1, FIT = 2 };
@@ -321,7 +321,7 @@ static void check_header(const kd_fixture *f, const unsigned char *table, const 
     int i, wrong = 0;
 
     CHECK(table[0] == 'E' && table[1] == 'S' && table[2] == 'K' && table[3] == 'D'
-          && word(table, AT_VERSION) == 5 && word(table, AT_BYTES) == envsamp_kd_bytes(f->kd)
+          && word(table, AT_VERSION) == 6 && word(table, AT_BYTES) == envsamp_kd_bytes(f->kd)
           && word(table, AT_SELECT) == (uint32_t)f->desc.select, "%s: who it is", what);
     CHECK(word(table, AT_WIDTH) == (uint32_t)f->image.width
           && word(table, AT_HEIGHT) == (uint32_t)f->image.height
@@ -346,7 +346,7 @@ static void check_arrays(const unsigned char *table, const char *what)
     const uint32_t bins = alias ? 1u << (24 - word(table, AT_ALIAS_SHIFT)) : 0;
     const uint32_t cells = 1u << (word(table, AT_GRID_BITS_X) + word(table, AT_GRID_BITS_Y));
     const uint32_t at[4] = { AT_ALIAS, AT_NODES, AT_GRID, AT_BYTES };
-    const uint32_t size[4] = { 4 * bins, 28 * (blocks / 2 + 1), 4 * cells, 0 };
+    const uint32_t size[4] = { 4 * bins, 28 * word(table, AT_NODE_COUNT), 4 * cells, 0 };
     uint32_t end = AFTER_HEADER + 20 * records + 16 * (blocks - records);
     int i, wrong = 0;
 
@@ -354,6 +354,8 @@ static void check_arrays(const unsigned char *table, const char *what)
         wrong += word(table, at[i]) != end;
         end += size[i];
     }
+    CHECK(word(table, AT_NODE_COUNT) >= 1 && word(table, AT_NODE_COUNT) <= blocks / 2 + 1,
+          "%s: %u nodes for %u blocks", what, word(table, AT_NODE_COUNT), blocks);
     CHECK(!wrong && (!alias || (bins >= blocks && bins < 2 * blocks)),
           "%s: arrays are where they belong, but %d", what, wrong);
 }
