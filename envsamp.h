@@ -1945,15 +1945,20 @@ ENVSAMP__HOT envsamp__polar_pair envsamp__edge_pair(float y)
     return row;
 }
 
-/* v of an edge in polar angle. */
-static float envsamp__edge_v(uint32_t mapping, float y)
+/* v of 1 - cos theta and 1 + cos theta; of an octahedral map v is the first of them. */
+ENVSAMP__HOT float envsamp__polar_v(uint32_t mapping, float north, float south)
 {
-    envsamp__polar_pair row = envsamp__edge_pair(y);
+    float v = mapping == ENVSAMP_OCTAHEDRAL ? north : envsamp__polar_fraction(north, south);
 
-    if (mapping == ENVSAMP_OCTAHEDRAL)
-        return y;
-    return (mapping == ENVSAMP_HEMISPHERE ? 2.0f : 1.0f)
-         * envsamp__polar_fraction(row.north, row.south);
+    return mapping != ENVSAMP_HEMISPHERE ? v : v < 0.5f ? v + v : 1.0f;
+}
+
+/* v of an edge. */
+static float envsamp__edge_v(uint32_t mapping, float edge)
+{
+    envsamp__polar_pair pair = envsamp__edge_pair(edge);
+
+    return envsamp__polar_v(mapping, pair.north, pair.south);
 }
 
 /* Fractions of the way between two edges in azimuth, and in solid angle between two rows. */
@@ -1987,16 +1992,12 @@ ENVSAMP__HOT envsamp_sample envsamp__point_sample(uint32_t mapping, envsamp__poi
 
     s.pdf = pdf;
     s.uv[0] = p.x = envsamp__clamp_unit(p.x);
-    if (mapping == ENVSAMP_OCTAHEDRAL) {
-        s.uv[1] = p.north;
+    s.uv[1] = envsamp__polar_v(mapping, p.north, p.south);
+    if (mapping == ENVSAMP_OCTAHEDRAL)
         envsamp__octahedral_dir(p.x, p.north, &s.dir[0], &s.dir[1], &s.dir[2]);
-        return s;
-    }
-    s.uv[1] = envsamp__polar_fraction(p.north, p.south);
-    if (mapping == ENVSAMP_HEMISPHERE)
-        s.uv[1] = s.uv[1] < 0.5f ? s.uv[1] + s.uv[1] : 1.0f;
-    envsamp__point_dir(p, ENVSAMP_SQRTF(ENVSAMP_FABSF(p.north * p.south)), &s.dir[0], &s.dir[1],
-                       &s.dir[2]);
+    else
+        envsamp__point_dir(p, ENVSAMP_SQRTF(ENVSAMP_FABSF(p.north * p.south)), &s.dir[0],
+                           &s.dir[1], &s.dir[2]);
     return s;
 }
 
@@ -3672,7 +3673,7 @@ struct envsamp_kd {
     uint32_t grid_bits_x, grid_bits_y, grid_at; /* 44 */
     uint32_t model;                             /* 56: as numbered in its enum */
     float fit_alpha, fit_end;                   /* 60: FIT: alpha; the largest x of a block */
-    float fit_step;                             /* 68: LOG: of log(alpha + x), 2^-24 of u0 */
+    uint32_t node_count;                        /* 68 */
     uint32_t criterion, bilinear, width, height;    /* 72 */
     uint32_t block_count;                       /* 88 */
     uint32_t drawn_count;                       /* 92: blocks that can be drawn: FIT, the first */
@@ -3681,7 +3682,7 @@ struct envsamp_kd {
     double fit_total;                           /* 104: FIT: G(n) */
     double integral, excess_variance, max_ratio, alpha, beta, l1;       /* 112: see info */
     uint64_t bad_pixel_count;                   /* 160 */
-    uint32_t node_count, spare[5];              /* 168 */
+    uint32_t spare[6];                          /* 168 */
 };
 
 typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 192 ? 1 : -1];
@@ -3747,8 +3748,6 @@ static void envsamp__kd_layout(envsamp_kd *kd)
     kd->grid_bits_x = bits / 2 + 1;             /* up to four cells a block */
     kd->grid_bits_y = (bits + 1) / 2;
     kd->fit_alpha = (float)kd->alpha;
-    kd->fit_step = kd->model == ENVSAMP_KD_POWER ? 0.0f
-                 : (float)(0.69314718055994530942 * kd->fit_total / (double)ENVSAMP__UNIT);
     kd->fit_end = envsamp__bits_float(envsamp__float_bits((float)kd->drawn_count) - 1);
     envsamp__allot(&end, records, sizeof(envsamp__record));
     envsamp__allot(&end, kd->block_count - records, sizeof(envsamp__sample_node));
@@ -3772,7 +3771,7 @@ typedef enum envsamp__phase {
     ENVSAMP__MOMENTS,           /* kd: a block, where sums were not exact */
     ENVSAMP__PROBABILITIES,     /* kd: all blocks; FIT: the fit */
     ENVSAMP__WRITE,             /* kd, WARP: a tile; else all blocks */
-    ENVSAMP__GRID,              /* kd: some rows of cells */
+    ENVSAMP__GRID,              /* kd: a row of cells */
     ENVSAMP__CHECKSUM,          /* some bytes of the table */
     ENVSAMP__DONE
 } envsamp__phase;
@@ -3973,48 +3972,33 @@ static void envsamp__write_pdf_nodes(const envsamp_kd_job *job, envsamp_kd *kd)
     }
 }
 
-/* The deepest link below `link` whose region holds some cells of the grid, which have exact
-   edges: so it is right for every point that falls in them. */
-static uint32_t envsamp__cell_link(const envsamp_kd *kd, uint32_t link, uint32_t x, uint32_t y,
-                                   uint32_t width, uint32_t height)
+/* Row y of the grid: the deepest link whose region holds a cell. Cells have exact edges: so it is
+   right for every point that falls in one. */
+static void envsamp__write_grid(envsamp_kd *kd, uint32_t y)
 {
+    uint32_t *cell = ENVSAMP__ARRAY_OUT(uint32_t, kd, grid) + (y << kd->grid_bits_x), x;
     float across = 4.0f / (float)(1u << kd->grid_bits_x);
     float down = envsamp__polar_end(kd->mapping) / (float)(1u << kd->grid_bits_y);
-    float low[2], high[2];
 
-    low[0] = across * (float)x;
-    low[1] = down * (float)y;
-    high[0] = across * (float)(x + width);
-    high[1] = down * (float)(y + height);
-    while (link & ENVSAMP__INNER) {
-        const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, link);
-        int at = 0;
+    for (x = 0; x < 1u << kd->grid_bits_x; x++) {
+        const float low[2] = { across * (float)x, down * (float)y };
+        const float high[2] = { across * (float)(x + 1), down * (float)(y + 1) };
+        uint32_t at = 3;
 
-        while (at < 3) {
-            int axis = envsamp__sign(node->cut[at]);
-            float cut = ENVSAMP_FABSF(node->cut[at]);
+        cell[x] = ENVSAMP__INNER | kd->nodes_at / 4;
+        while (at > 2 && cell[x] & ENVSAMP__INNER) {
+            const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, cell[x]);
 
-            if (cut > low[axis] && cut < high[axis])
-                return link;
-            at = 2 * at + 1 + (cut <= low[axis]);
+            for (at = 0; at < 3;) {
+                int axis = envsamp__sign(node->cut[at]);
+                float cut = ENVSAMP_FABSF(node->cut[at]);
+
+                if (cut > low[axis] && cut < high[axis])
+                    break;
+                at = 2 * at + 1 + (cut <= low[axis]);
+            }
+            cell[x] = at > 2 ? node->child[at - 3] : cell[x];
         }
-        link = node->child[at - 3];
-    }
-    return link;
-}
-
-/* Rows of cells [y0, y1). Squares of up to 8 by 8 cells come first and save their cells the way
-   down to them. */
-static void envsamp__write_grid(envsamp_kd *kd, uint32_t y0, uint32_t y1)
-{
-    uint32_t *grid = ENVSAMP__ARRAY_OUT(uint32_t, kd, grid), columns = 1u << kd->grid_bits_x, x, y;
-    uint32_t wide = columns < 8 ? columns : 8, link = 0;
-
-    for (x = 0; x < columns; x++) {
-        if (x % wide == 0)
-            link = envsamp__cell_link(kd, ENVSAMP__INNER | kd->nodes_at / 4, x, y0, wide, y1 - y0);
-        for (y = y0; y < y1; y++)
-            grid[(y << kd->grid_bits_x) + x] = envsamp__cell_link(kd, link, x, y, 1, 1);
     }
 }
 
@@ -4365,7 +4349,6 @@ static int envsamp__kd_work(void *work, int item)
     envsamp__map *map = &base->map;
     envsamp__tree *tree = &job->tree;
     envsamp__level *level;
-    uint32_t rows, high;
     int x;
 
     switch (base->phase) {
@@ -4414,10 +4397,8 @@ static int envsamp__kd_work(void *work, int item)
     case ENVSAMP__WRITE:
         return envsamp__write_arrays(job, kd, (uint32_t)item);
     default:
-        rows = 1u << kd->grid_bits_y;
-        high = rows < 8 ? rows : 8;
-        envsamp__write_grid(kd, (uint32_t)item * high, (uint32_t)(item + 1) * high);
-        return (uint32_t)(item + 1) * high < rows;
+        envsamp__write_grid(kd, (uint32_t)item);
+        return item + 1 < 1 << kd->grid_bits_y;
     }
 }
 
@@ -4669,16 +4650,15 @@ ENVSAMP__HOT float envsamp__fit_position(const envsamp_kd *kd, float f, float a)
    bits continues u0: half a turn on, so that it is 1/2, not 0, for points of a coarse lattice. */
 ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0, float u1)
 {
-    double g = (double)u0 * kd->fit_total;
     float low = u1 * 4096.0f + 0.5f, x;
     envsamp__choice choice;
+    double g;
 
     low -= (float)(int)low;
+    g = ((double)u0 + (double)(low / ENVSAMP__UNIT)) * kd->fit_total;
     if (kd->model == ENVSAMP_KD_POWER)
-        g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta),
-                                     g + (double)(low / ENVSAMP__UNIT) * kd->fit_total);
+        g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta), g);
     x = kd->fit_alpha * envsamp__exp2m1(g);
-    x += low * kd->fit_step * (kd->fit_alpha + x);
     x = envsamp__at_most(x > 0.0f ? x : 0.0f, kd->fit_end);
     choice.block = (int)x;
     choice.fx = envsamp__fit_position(kd, x - (float)choice.block,
@@ -4918,14 +4898,20 @@ ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float
     }
 }
 
-static void envsamp__pdf_batch(const envsamp_kd *kd, const float *x, const float *y,
+static void envsamp__pdf_batch(const envsamp_kd *kd, size_t n, const float *x, const float *y,
                                const float *z, float *pdf)
 {
-    float end = envsamp__polar_end(kd->mapping), r[ENVSAMP__BATCH];
+    float end = envsamp__polar_end(kd->mapping), r[ENVSAMP__BATCH], in[3][ENVSAMP__BATCH];
     uint64_t place[ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
     int i;
 
+    if (n < ENVSAMP__BATCH) {
+        ENVSAMP_MEMSET(in, 0, sizeof in);
+        x = (const float *)ENVSAMP_MEMCPY(in[0], x, n * sizeof *x);
+        y = (const float *)ENVSAMP_MEMCPY(in[1], y, n * sizeof *y);
+        z = (const float *)ENVSAMP_MEMCPY(in[2], z, n * sizeof *z);
+    }
     for (i = 0; i < ENVSAMP__BATCH; i++)
         r[i] = x[i] * x[i] + y[i] * y[i];
     envsamp__sqrt_n(r, ENVSAMP__BATCH);
@@ -4939,25 +4925,18 @@ static void envsamp__pdf_batch(const envsamp_kd *kd, const float *x, const float
         link[i] = envsamp__grid_link(kd, d, &place[i]);
     }
     envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
-    ENVSAMP_MEMCPY(pdf, link, sizeof link);
+    ENVSAMP_MEMCPY(pdf, link, n * sizeof *pdf);
 }
 
 ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
                                   const float *z, float *pdf)
 {
-    float in[4][ENVSAMP__BATCH] = { { 0.0f } };
-    size_t i, bytes = n % ENVSAMP__BATCH * sizeof **in;
+    size_t i;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
-    for (i = 0; i + ENVSAMP__BATCH <= n; i += ENVSAMP__BATCH)
-        envsamp__pdf_batch(kd, x + i, y + i, z + i, pdf + i);
-    if (i == n)
-        return;
-    ENVSAMP_MEMCPY(in[0], x + i, bytes);
-    ENVSAMP_MEMCPY(in[1], y + i, bytes);
-    ENVSAMP_MEMCPY(in[2], z + i, bytes);
-    envsamp__pdf_batch(kd, in[0], in[1], in[2], in[3]);
-    ENVSAMP_MEMCPY(pdf + i, in[3], bytes);
+    for (i = 0; i < n; i += ENVSAMP__BATCH)
+        envsamp__pdf_batch(kd, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, x + i, y + i, z + i,
+                           pdf + i);
 }
 
 /* ---- inverse ---- */

@@ -272,7 +272,6 @@ static int sample_lines(const envsamp_kd *kd, const float u[2])
         TOUCH(model);
         TOUCH(fit_alpha);
         TOUCH(fit_end);
-        TOUCH(fit_step);
         TOUCH(fit_total);
         choice = envsamp__fit_choose(kd, u[0], u[1]);
     }

@@ -29,7 +29,7 @@ size_t inside_kd_at(const char *name)
         FIELD(version), FIELD(bytes), FIELD(checksum), FIELD(select), FIELD(mapping),
         FIELD(width), FIELD(height), FIELD(block_count), FIELD(alias_shift), FIELD(grid_bits_x),
         FIELD(grid_bits_y), FIELD(tile_bits_x), FIELD(tile_bits_y), FIELD(bilinear),
-        FIELD(fit_end), FIELD(fit_step), FIELD(alias_at), FIELD(nodes_at), FIELD(grid_at),
+        FIELD(fit_end), FIELD(alias_at), FIELD(nodes_at), FIELD(grid_at),
         FIELD(integral), FIELD(alpha), FIELD(fit_alpha), FIELD(mis_compensation), FIELD(spare),
         FIELD(criterion), { "end", sizeof(envsamp_kd) }
     };
