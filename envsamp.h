@@ -973,7 +973,7 @@ static float envsamp__half(float x)
 }
 
 /* Sine and cosine of pi x, 0 <= x <= 2, to 2e-16: Taylor series about the nearest half. */
-ENVSAMP__MATH void envsamp__sincos_pi(double x, double *sine, double *cosine)
+ENVSAMP_DEVICE static void envsamp__sincos_pi(double x, double *sine, double *cosine)
 {
     int quarter = (int)(2.0 * x + 0.5);
     double a = ENVSAMP__PI * (x - 0.5 * (double)quarter), t = a * a;
@@ -1118,7 +1118,7 @@ ENVSAMP__HOT float envsamp__exp2m1(double x)
 
 /* Base-2 logarithm of a positive normal double, to 1e-15 (1 + |result|): m in [sqrt(1/2),
    sqrt(2)) by its exponent, then the series of 2 atanh((m-1)/(m+1)). */
-ENVSAMP__MATH double envsamp__log2(double x)
+ENVSAMP_DEVICE static double envsamp__log2(double x)
 {
     uint64_t bits;
     double m, w, t;
@@ -1137,7 +1137,7 @@ ENVSAMP__MATH double envsamp__log2(double x)
 }
 
 /* 2^x to 1e-15 relative, -1000 <= x <= 1000. */
-ENVSAMP__MATH double envsamp__exp2(double x)
+ENVSAMP_DEVICE static double envsamp__exp2(double x)
 {
     int whole = (int)(x + (x < 0.0 ? -0.5 : 0.5));
     double f = (x - (double)whole) * 0.69314718055994530942, power;
