@@ -3398,16 +3398,18 @@ static int envsamp__crown_step(envsamp__tree *tree)
  * ========================================================================================== */
 
 #define ENVSAMP__LOG2_ALPHA_MIN (-24.0)     /* the first block takes nearly all */
-#define ENVSAMP__FIT_STARTS 4               /* local minima of the scan that are searched */
+#define ENVSAMP__FIT_STARTS 4               /* local minima of the scan that are polished */
 
 typedef struct envsamp__fit {
     envsamp_kd_model model;
     envsamp_kd_objective objective;
     int count;                      /* blocks above zero */
     const double *target;           /* L1: empirical probabilities; CHI2: Q; in falling order */
+    double *weight;                 /* L1: of the residuals */
+    envsamp_buffer lm_scratch;
 } envsamp__fit;
 
-typedef struct envsamp__fit_point { double cost, log2_alpha, beta; } envsamp__fit_point;
+typedef struct envsamp__fit_point { double cost, param[2]; } envsamp__fit_point;
 
 /* gamma of beta, exactly 0 where the power would only be a worse computed logarithm. */
 ENVSAMP__MATH double envsamp__model_gamma(double beta)
@@ -3441,79 +3443,115 @@ ENVSAMP__MATH double envsamp__model_log_ratio(double gamma, double g)
 #define ENVSAMP__BETA_MIN (-4.0)
 #define ENVSAMP__BETA_MAX 8.0
 
-/* The objective at a point. DBL_MAX where the model does not compute: alpha = 1000 n is flat. */
-static envsamp__fit_point envsamp__fit_at(const envsamp__fit *fit, double log2_alpha, double beta)
+/* The objective at parameters (log2 alpha, beta), with its residuals unless those are NULL. DBL_MAX
+   where the model does not compute: alpha = 1000 n is flat. */
+static double envsamp__fit_cost(const envsamp__fit *fit, const double *param, double *residual)
 {
-    double gamma = envsamp__model_gamma(beta), low = envsamp__model_g(gamma, 0.0), scale;
-    double inverse_alpha = envsamp__exp2(-log2_alpha);
-    envsamp__fit_point point = { DBL_MAX, log2_alpha, beta };
-    int k;
+    int power = fit->model == ENVSAMP_KD_POWER, chi2 = fit->objective == ENVSAMP_KD_CHI2, k;
+    double gamma = power ? envsamp__model_gamma(param[1]) : 0.0;
+    double inverse_alpha, low = envsamp__model_g(gamma, 0.0), cost = 0.0, scale;
 
-    if (log2_alpha < ENVSAMP__LOG2_ALPHA_MIN
-        || log2_alpha > 10.0 + envsamp__log2((double)fit->count)
-        || beta < ENVSAMP__BETA_MIN || beta > ENVSAMP__BETA_MAX)
-        return point;
-    point.cost = 0.0;
+    if (param[0] < ENVSAMP__LOG2_ALPHA_MIN || param[0] > 10.0 + envsamp__log2((double)fit->count)
+        || (power && (param[1] < ENVSAMP__BETA_MIN || param[1] > ENVSAMP__BETA_MAX)))
+        return DBL_MAX;
+    inverse_alpha = envsamp__exp2(-param[0]);
     scale = 1.0 / envsamp__model_mass(gamma, (double)fit->count * inverse_alpha);
     for (k = 0; k < fit->count; k++) {
         double high = envsamp__model_g(gamma, (double)(k + 1) * inverse_alpha);
-        double bin = envsamp__max((high - low) * scale, 1e-30), target = fit->target[k];
+        double bin = (high - low) * scale, target = fit->target[k], error = target - bin;
 
         low = high;
-        point.cost += fit->objective == ENVSAMP_KD_CHI2 ? target * target / bin
-                                                        : ENVSAMP__FABS(target - bin);
+        bin = bin > 1e-30 ? bin : 1e-30;
+        cost += chi2 ? target * target / bin : ENVSAMP__FABS(error);
+        if (residual)
+            residual[k] = chi2 ? target / ENVSAMP_SQRT(bin) : error * fit->weight[k];
     }
-    return point;
+    return cost;
 }
 
-/* Moves a point by steps in log2 alpha that grow while they lower the cost and shrink where neither
-   way does: a minimum of L1 is a kink. */
+static void envsamp__fit_residuals(const double *param, double *residual, void *user)
+{
+    const envsamp__fit *fit = (const envsamp__fit *)user;
+
+    if (fit->count == 1)
+        residual[1] = 0.0;          /* two parameters need two residuals */
+    if (envsamp__fit_cost(fit, param, residual) == DBL_MAX)
+        residual[0] = DBL_MAX;      /* its square is infinite: the solver turns back */
+}
+
+/* Levenberg-Marquardt from a point. CHI2 is a sum of squares as it stands. L1 becomes one by
+   weights of 1/sqrt(|residual|) from the point before, again and again. */
+static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *best)
+{
+    envsamp_lm_desc desc = { 1, 0, 30, 1e-10, 1e-10, 1e-10 };
+    int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3, k;
+    envsamp__fit_point next = *best;
+
+    desc.param_count = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
+    desc.residual_count = envsamp__max_int(fit->count, desc.param_count);
+    for (; rounds > 0; rounds--) {
+        if (fit->objective == ENVSAMP_KD_L1) {
+            for (k = 0; k < fit->count; k++)
+                fit->weight[k] = 1.0;
+            envsamp__fit_cost(fit, next.param, fit->weight);
+            for (k = 0; k < fit->count; k++)
+                fit->weight[k] = 1.0 / ENVSAMP_SQRT(ENVSAMP__FABS(fit->weight[k]) + 1e-9);
+        }
+        envsamp_lm(&desc, envsamp__fit_residuals, fit, next.param, fit->lm_scratch, NULL);
+        next.cost = envsamp__fit_cost(fit, next.param, NULL);
+        *best = next.cost < best->cost ? next : *best;
+    }
+}
+
+/* Steps in log2 alpha that grow while they lower the cost and shrink where neither way does: finds
+   the kink that a minimum of L1 is, which no sum of squares has. */
 static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best, double step)
 {
     int i;
 
     for (i = 0; i < 60 && ENVSAMP__FABS(step) > 1e-5; i++) {
-        envsamp__fit_point probe = envsamp__fit_at(fit, best->log2_alpha + step, best->beta);
+        envsamp__fit_point probe = *best;
 
+        probe.param[0] += step;
+        probe.cost = envsamp__fit_cost(fit, probe.param, NULL);
         step *= probe.cost < best->cost ? 1.5 : step > 0.0 ? -1.0 : -0.4;
         *best = probe.cost < best->cost ? probe : *best;
     }
 }
 
-/* The same in beta, each step with the best alpha near the one that keeps alpha / beta: POWER has a
-   valley where both grow together, towards an exponential of alpha / beta. */
+/* As steps along the valley that POWER has: alpha and beta grow together, towards an exponential
+   of alpha / beta. Steps in beta, each with the best alpha near the one that keeps that ratio. */
 static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best)
 {
     double step = 0.5;
     int i;
 
     for (i = 0; i < 40 && ENVSAMP__FABS(step) > 1e-3; i++) {
-        double beta = best->beta + step;
-        double shift = beta > 0.1 && best->beta > 0.1 ? envsamp__log2(beta / best->beta) : 0.0;
-        envsamp__fit_point probe = envsamp__fit_at(fit, best->log2_alpha + shift, beta);
+        envsamp__fit_point probe = *best;
 
+        probe.param[1] += step;
+        if (probe.param[1] > 0.1 && best->param[1] > 0.1)
+            probe.param[0] += envsamp__log2(probe.param[1] / best->param[1]);
+        probe.cost = envsamp__fit_cost(fit, probe.param, NULL);
         envsamp__fit_line(fit, &probe, 0.25);
         step *= probe.cost < best->cost ? 1.5 : step > 0.0 ? -1.0 : -0.4;
         *best = probe.cost < best->cost ? probe : *best;
     }
 }
 
-/* The global minimum: the objective has several local ones in alpha, and a wrong one costs up to
-   50 in excess variance. Scans log2 alpha of LOG, and searches from each of the best local minima
-   of the scan. POWER begins where LOG ends. */
-static envsamp__fit_point envsamp__fit_solve(const envsamp__fit *fit)
+/* Scans log2 alpha at one beta for local minima and keeps the best ENVSAMP__FIT_STARTS. */
+static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
+                              envsamp__fit_point *starts)
 {
-    const double scan = 0.25;
-    envsamp__fit_point starts[ENVSAMP__FIT_STARTS], last, next, best;
+    envsamp__fit_point last = { DBL_MAX, { 0.0, 0.0 } }, next = { 0.0, { 0.0, 0.0 } };
     double before = DBL_MAX;
     int i, k;
 
-    for (i = 0; i < ENVSAMP__FIT_STARTS; i++)
-        starts[i].cost = DBL_MAX;
-    last = next = envsamp__fit_at(fit, ENVSAMP__LOG2_ALPHA_MIN, 1.0);
-    for (i = 1; next.cost < DBL_MAX; i++) {
-        next = envsamp__fit_at(fit, ENVSAMP__LOG2_ALPHA_MIN + scan * (double)i, 1.0);
-        if (last.cost <= before && last.cost <= next.cost
+    next.param[1] = beta;
+    for (i = 0; next.cost < DBL_MAX; i++) {
+        next.param[0] = ENVSAMP__LOG2_ALPHA_MIN + step * (double)i;
+        next.cost = envsamp__fit_cost(fit, next.param, NULL);
+        if (i > 0 && last.cost <= before && last.cost <= next.cost
             && last.cost < starts[ENVSAMP__FIT_STARTS - 1].cost) {
             for (k = ENVSAMP__FIT_STARTS - 1; k > 0 && starts[k - 1].cost > last.cost; k--)
                 starts[k] = starts[k - 1];
@@ -3522,9 +3560,26 @@ static envsamp__fit_point envsamp__fit_solve(const envsamp__fit *fit)
         before = last.cost;
         last = next;
     }
+}
+
+/* The global minimum: the objective has several local ones in alpha, and a wrong one costs up to
+   50 in excess variance. */
+static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
+{
+    const double betas[] = { 1.0, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0 };
+    int i, scans = fit->model == ENVSAMP_KD_LOG ? 1 : (int)(sizeof betas / sizeof betas[0]);
+    double step = fit->model == ENVSAMP_KD_LOG ? 0.25 : 1.0;
+    envsamp__fit_point starts[ENVSAMP__FIT_STARTS], best;
+
+    for (i = 0; i < ENVSAMP__FIT_STARTS; i++)
+        starts[i].cost = DBL_MAX;
+    for (i = 0; i < scans; i++)
+        envsamp__fit_scan(fit, betas[i], step, starts);
     best = starts[0];
     for (i = 0; i < ENVSAMP__FIT_STARTS && starts[i].cost < DBL_MAX; i++) {
-        envsamp__fit_line(fit, &starts[i], 0.5 * scan);
+        envsamp__fit_polish(fit, &starts[i]);
+        if (fit->objective == ENVSAMP_KD_L1)
+            envsamp__fit_line(fit, &starts[i], 0.5 * step);
         best = starts[i].cost < best.cost ? starts[i] : best;
     }
     if (fit->model == ENVSAMP_KD_POWER)
@@ -3867,10 +3922,11 @@ struct envsamp_kd_job {
     envsamp_kd_desc desc;
     int level, block_limit;         /* PYRAMID: the level that is made */
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
-    double *target;                 /* FIT: of the fit, sorted */
+    double *target, *weight;        /* FIT, sorted */
     uint32_t *order;                /* blocks of the tree in the order of the table; then nodes */
     float *density;                 /* of each block of the tree */
     uint32_t *draws, *stack;        /* ALIAS */
+    envsamp_buffer lm_scratch;
     double second;                  /* moment of L / pdf of what is written */
     envsamp__part *parts;           /* WARP: a stack of ENVSAMP__WARP_DEPTH + 2 */
     uint32_t cut_count;             /* WARP: written */
@@ -3906,7 +3962,13 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
         job->draws = ENVSAMP__TAKE(uint32_t, arena, count);
         job->stack = ENVSAMP__TAKE(uint32_t, arena, 1u << envsamp__bits((uint32_t)count));
     } else if (desc->select == ENVSAMP_KD_FIT) {
+        envsamp_lm_desc lm = { 2, 0, 0, 0.0, 0.0, 0.0 };
+
+        lm.residual_count = envsamp__max_int((int)count, 2);
         job->target = ENVSAMP__TAKE(double, arena, count);
+        job->weight = ENVSAMP__TAKE(double, arena, count + 1);
+        job->lm_scratch.bytes = envsamp_lm_scratch_bytes(&lm);
+        job->lm_scratch.data = ENVSAMP__TAKE(char, arena, job->lm_scratch.bytes);
     }
 }
 
@@ -4168,7 +4230,8 @@ static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
 static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__tree *tree = &job->tree;
-    envsamp__fit fit = { job->desc.model, job->desc.objective, 0, job->target };
+    envsamp__fit fit = { job->desc.model, job->desc.objective, 0, job->target, job->weight,
+                         job->lm_scratch };
     envsamp__fit_point best;
     double *key = job->probability, total = 0.0, gamma, low, error;
     int i;
@@ -4181,9 +4244,9 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
     for (i = 0; i < tree->block_count; i++)
         job->target[i] = key[job->order[i]] / total;
     best = envsamp__fit_solve(&fit);
-    gamma = envsamp__model_gamma(best.beta);
-    kd->alpha = envsamp__exp2(best.log2_alpha);
-    kd->beta = best.beta;
+    gamma = fit.model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(best.param[1]);
+    kd->alpha = envsamp__exp2(best.param[0]);
+    kd->beta = fit.model == ENVSAMP_KD_LOG ? 1.0 : best.param[1];
     kd->drawn_count = (uint32_t)fit.count;
     kd->fit_total = envsamp__model_mass(gamma, (double)fit.count / kd->alpha);
     kd->l1 = 0.0;
