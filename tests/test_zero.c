@@ -105,7 +105,7 @@ static int kd_refused(const envsamp_kd_desc *desc)
     return envsamp_kd_sizes(&map, desc, &sizes) == ENVSAMP_ERR_PARAM;
 }
 
-/* Fields that are announced: anything but 0 is refused until it does something. */
+/* Fields that are announced, and those that another field does not allow, are refused. */
 static void test_reserved(void)
 {
     const float values[] = { 1.0f, -1.0f, 0.5f, FLT_MIN, NAN, INFINITY, -INFINITY };
@@ -120,11 +120,12 @@ static void test_reserved(void)
         wrong += !kd_refused(&target) + !kd_refused(&exponent) + !cdf_refused(&cdf);
     }
     CHECK(!wrong, "%d of %d values of fields without effect are accepted", wrong, 3 * count);
-    for (i = -1; i < 2; i += 2) {
+    for (i = 0; i < 4; i++) {
         envsamp_kd_desc desc = kd_zeros();
 
-        desc.facing = i;
-        CHECK(kd_refused(&desc), "facing %d is refused", i);
+        desc.facing = i % 2 ? 1 : -1;
+        desc.select = i < 2 ? ENVSAMP_KD_ALIAS : ENVSAMP_KD_FIT;
+        CHECK(kd_refused(&desc), "facing %d is refused without WARP", desc.facing);
     }
 }
 
