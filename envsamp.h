@@ -6038,10 +6038,9 @@ typedef struct envsamp__halftone {
     double mass;                /* of the cell */
     double *sum;                /* importance of every column of the strip, */
     int *lit_count;             /* and how many of its texels are above zero */
-    double *row[3];             /* errors that wait for texels of this row and the next two */
+    double *waiting;            /* errors for cells of this row of them and the next, in turns */
     int rows;                   /* of these, by the kernel; 0: all of an error goes ahead */
-    envsamp__tap tap[ENVSAMP__TAPS];
-    double share[ENVSAMP__TAPS];
+    const envsamp__tap *tap;    /* tap_count of them */
     int tap_count;
 } envsamp__halftone;
 
@@ -6071,32 +6070,13 @@ static double envsamp__spacing(uint32_t seed, int number)
 
 /* ---- importance ---- */
 
-static double envsamp__importance(const envsamp__pixels *map, int x, int y)
-{
-    double rgb[3], value = envsamp__texel_value(map->image, x, y, rgb);
-
-    return map->row_sr ? value * map->row_sr[y] : value;
-}
-
-static void envsamp__count_lit(const float *value, int count, int *lit)
-{
-    int i;
-
-    if (count == ENVSAMP__CHUNK)
-        for (i = 0; i < ENVSAMP__CHUNK; i++)
-            lit[i] += value[i] > 0.0f;
-    else
-        for (i = 0; i < count; i++)
-            lit[i] += value[i] > 0.0f;
-}
-
 /* Sums of columns between two rows; returns how many pixels are bad. */
 static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
 {
     const envsamp_image *image = h->map->image;
     float luminance[ENVSAMP__CHUNK];
     size_t bad = 0;
-    int x, y;
+    int x, y, i;
 
     ENVSAMP_MEMSET(h->sum, 0, (size_t)image->width * sizeof *h->sum);
     ENVSAMP_MEMSET(h->lit_count, 0, (size_t)image->width * sizeof *h->lit_count);
@@ -6108,25 +6088,13 @@ static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
 
             envsamp__add_floats(value, count, h->map->row_sr ? h->map->row_sr[y] : 1.0,
                                 h->sum + x);
-            if (h->desc->once)
-                envsamp__count_lit(value, count, h->lit_count + x);
+            for (i = 0; i < count && h->desc->once; i++)
+                h->lit_count[x + i] += value[i] > 0.0f;
         }
     return bad;
 }
 
 /* ---- choosing ---- */
-
-static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value)
-{
-    envsamp_texel *texel = &h->texels[h->chosen++];
-
-    texel->x = x;
-    texel->y = y;
-    texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
-    h->error -= h->quantum;
-    if (h->gap_unit > 0.0)
-        h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc->seed, h->chosen);
-}
 
 /* Whether `lit` texels are too few for the samples that are missing. */
 static int envsamp__is_short(const envsamp__halftone *h, int64_t lit)
@@ -6136,14 +6104,22 @@ static int envsamp__is_short(const envsamp__halftone *h, int64_t lit)
 
 static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
 {
-    double value = envsamp__importance(h->map, x, y);
+    double rgb[3], value = envsamp__texel_value(h->map->image, x, y, rgb);
 
     if (!(value > 0.0))
         return;
+    value *= h->map->row_sr ? h->map->row_sr[y] : 1.0;
     h->error += value;
     h->lit--;
     while (h->chosen < h->wanted && (h->error > h->threshold || envsamp__is_short(h, h->lit))) {
-        envsamp__take_texel(h, x, y, value);
+        envsamp_texel *texel = &h->texels[h->chosen++];
+
+        texel->x = x;
+        texel->y = y;
+        texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
+        h->error -= h->quantum;
+        if (h->gap_unit > 0.0)
+            h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc->seed, h->chosen);
         if (h->once)
             break;
     }
@@ -6219,7 +6195,7 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
                      + t * (double)b[k] / (double)(b[1] + b[2] + b[3]);
 }
 
-/* Taps and shares: with CELLS and for RANDOM there are none. */
+/* With CELLS and for RANDOM there are no taps. */
 static void envsamp__set_kernel(envsamp__halftone *h)
 {
     static const envsamp__tap taps[][ENVSAMP__TAPS] = {
@@ -6233,40 +6209,42 @@ static void envsamp__set_kernel(envsamp__halftone *h)
           { -2, 2, 1 }, { -1, 2, 2 }, { 0, 2, 4 }, { 1, 2, 2 }, { 2, 2, 1 } },
         { { 1, 0, 1 }, { -1, 1, 1 }, { 0, 1, 1 } }      /* by importance: see above */
     };
-    double parts = 0.0;
-    int i;
 
     if (h->desc->scan == ENVSAMP_SCAN_CELLS || h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
         return;
-    for (i = 0; i < ENVSAMP__TAPS && taps[h->desc->kernel][i].parts; i++) {
-        h->tap[i] = taps[h->desc->kernel][i];
-        parts += (double)h->tap[i].parts;
-    }
-    h->tap_count = i;
-    h->rows = 1 + h->tap[i - 1].below;
-    while (i-- > 0)
-        h->share[i] = (double)h->tap[i].parts / parts;
+    h->tap = taps[h->desc->kernel];
+    while (h->tap_count < ENVSAMP__TAPS && h->tap[h->tap_count].parts)
+        h->tap_count++;
+    h->rows = 1 + h->tap[h->tap_count - 1].below;
+}
+
+/* The errors that wait in the row of cells so many below this one. */
+static double *envsamp__waiting(const envsamp__halftone *h, int below)
+{
+    return h->waiting + (h->strip + below) % h->rows * h->across;
 }
 
 /* Sends the error of a texel on. Shares that would leave the map go to the others. */
 static void envsamp__diffuse(envsamp__halftone *h)
 {
-    double *to[ENVSAMP__TAPS], sum = 0.0, scale;
+    double share[ENVSAMP__TAPS], *to[ENVSAMP__TAPS], sum = 0.0, scale;
     int i;
 
+    for (i = 0; i < h->tap_count; i++)
+        share[i] = (double)h->tap[i].parts;
     if (h->desc->kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
-        envsamp__ostromoukhov_shares(h->mass / h->quantum, h->share);
+        envsamp__ostromoukhov_shares(h->mass / h->quantum, share);
     for (i = 0; i < h->tap_count; i++) {
         int x = h->cell + h->step * h->tap[i].across, inside;
 
         inside = x >= 0 && x < h->across && h->strip + h->tap[i].below < h->down;
-        to[i] = inside ? &h->row[h->tap[i].below][x] : NULL;
-        sum += inside ? h->share[i] : 0.0;
+        to[i] = inside ? envsamp__waiting(h, h->tap[i].below) + x : NULL;
+        sum += inside ? share[i] : 0.0;
     }
     scale = sum > 0.0 ? h->error / sum : 0.0;       /* after the last one nothing is left to do */
     for (i = 0; i < h->tap_count; i++)
         if (to[i])
-            *to[i] += scale * h->share[i];
+            *to[i] += scale * share[i];
     h->error = 0.0;
 }
 
@@ -6285,13 +6263,15 @@ static void envsamp__walk_strip(envsamp__halftone *h)
         h->cell = h->step > 0 ? i : h->across - 1 - i;
         h->x0 = envsamp__part_edge(h->cell, h->across, image->width);
         h->x1 = envsamp__part_edge(h->cell + 1, h->across, image->width);
-        h->error += h->rows ? h->row[0][h->cell] : 0.0;
+        h->error += h->rows ? envsamp__waiting(h, 0)[h->cell] : 0.0;
         for (h->mass = 0.0, x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
         envsamp__walk_cell(h);
         if (h->rows)
             envsamp__diffuse(h);
     }
+    if (h->rows)
+        ENVSAMP_MEMSET(envsamp__waiting(h, 0), 0, (size_t)h->across * sizeof(double));
 }
 
 /* Lays cells out, which with CELLS are about square in texels. RANDOM has one a strip. */
@@ -6300,7 +6280,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
 {
     double width = (double)map->image->width, height = (double)map->image->height;
     double side = ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count));
-    int random = desc->kernel == ENVSAMP_KERNEL_RANDOM, i;
+    int random = desc->kernel == ENVSAMP_KERNEL_RANDOM;
 
     ENVSAMP_MEMSET(h, 0, sizeof *h);
     h->map = map;
@@ -6311,8 +6291,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     side = random ? 16.0 : side;
     h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
     h->down = envsamp__max_int((int)(height / side), 1);
-    for (i = 0; i < h->rows; i++)
-        h->row[i] = ENVSAMP__TAKE(double, arena, h->across);
+    h->waiting = ENVSAMP__TAKE(double, arena, h->rows * h->across);
     h->sum = ENVSAMP__TAKE(double, arena, map->image->width);
     h->lit_count = ENVSAMP__TAKE(int, arena, map->image->width);
 }
@@ -6335,8 +6314,7 @@ static void envsamp__set_start(envsamp__halftone *h)
     h->quantum = h->total / (double)h->wanted;
     h->threshold = 0.5 * h->quantum;
     h->error = seed ? (envsamp__random(seed, 0) - 0.5) * h->quantum : 0.0;
-    for (i = 0; i < h->rows; i++)
-        ENVSAMP_MEMSET(h->row[i], 0, (size_t)h->across * sizeof(double));
+    ENVSAMP_MEMSET(h->waiting, 0, (size_t)(h->rows * h->across) * sizeof(double));
 }
 
 /* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero.
@@ -6345,7 +6323,7 @@ static void envsamp__set_start(envsamp__halftone *h)
 static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
                                    envsamp_texel *texels)
 {
-    int i, x, y;
+    int x, y;
 
     h->texels = texels;
     h->total = total;
@@ -6353,16 +6331,8 @@ static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t l
     h->wanted = wanted;
     envsamp__set_start(h);
     for (h->strip = 0; h->strip < h->down && h->chosen < wanted; h->strip++) {
-        double *done = h->row[0];
-
         h->step = h->strip % 2 ? -1 : 1;
         envsamp__walk_strip(h);
-        for (i = 0; i + 1 < h->rows; i++)
-            h->row[i] = h->row[i + 1];
-        if (h->rows) {
-            ENVSAMP_MEMSET(done, 0, (size_t)h->across * sizeof(double));
-            h->row[i] = done;
-        }
     }
     h->threshold = -DBL_MAX;
     for (y = h->map->image->height - 1; y >= 0 && h->chosen == 0; y--)
