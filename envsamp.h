@@ -6195,29 +6195,6 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
                      + t * (double)b[k] / (double)(b[1] + b[2] + b[3]);
 }
 
-/* With CELLS and for RANDOM there are no taps. */
-static void envsamp__set_kernel(envsamp__halftone *h)
-{
-    static const envsamp__tap taps[][ENVSAMP__TAPS] = {
-        { { 1, 0, 3 }, { 0, 1, 3 }, { 1, 1, 2 } },
-        { { 1, 0, 7 }, { -1, 1, 3 }, { 0, 1, 5 }, { 1, 1, 1 } },
-        { { 1, 0, 7 }, { 2, 0, 5 },
-          { -2, 1, 3 }, { -1, 1, 5 }, { 0, 1, 7 }, { 1, 1, 5 }, { 2, 1, 3 },
-          { -2, 2, 1 }, { -1, 2, 3 }, { 0, 2, 5 }, { 1, 2, 3 }, { 2, 2, 1 } },
-        { { 1, 0, 8 }, { 2, 0, 4 },
-          { -2, 1, 2 }, { -1, 1, 4 }, { 0, 1, 8 }, { 1, 1, 4 }, { 2, 1, 2 },
-          { -2, 2, 1 }, { -1, 2, 2 }, { 0, 2, 4 }, { 1, 2, 2 }, { 2, 2, 1 } },
-        { { 1, 0, 1 }, { -1, 1, 1 }, { 0, 1, 1 } }      /* by importance: see above */
-    };
-
-    if (h->desc->scan == ENVSAMP_SCAN_CELLS || h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        return;
-    h->tap = taps[h->desc->kernel];
-    while (h->tap_count < ENVSAMP__TAPS && h->tap[h->tap_count].parts)
-        h->tap_count++;
-    h->rows = 1 + h->tap[h->tap_count - 1].below;
-}
-
 /* The errors that wait in the row of cells so many below this one. */
 static double *envsamp__waiting(const envsamp__halftone *h, int below)
 {
@@ -6274,10 +6251,22 @@ static void envsamp__walk_strip(envsamp__halftone *h)
         ENVSAMP_MEMSET(envsamp__waiting(h, 0), 0, (size_t)h->across * sizeof(double));
 }
 
-/* Lays cells out, which with CELLS are about square in texels. RANDOM has one a strip. */
+/* Lays cells out, which with CELLS are about square in texels. RANDOM has one a strip. Neither has
+   taps. */
 static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone_desc *desc,
                                     const envsamp__pixels *map, envsamp__arena *arena)
 {
+    static const envsamp__tap taps[][ENVSAMP__TAPS] = {
+        { { 1, 0, 3 }, { 0, 1, 3 }, { 1, 1, 2 } },
+        { { 1, 0, 7 }, { -1, 1, 3 }, { 0, 1, 5 }, { 1, 1, 1 } },
+        { { 1, 0, 7 }, { 2, 0, 5 },
+          { -2, 1, 3 }, { -1, 1, 5 }, { 0, 1, 7 }, { 1, 1, 5 }, { 2, 1, 3 },
+          { -2, 2, 1 }, { -1, 2, 3 }, { 0, 2, 5 }, { 1, 2, 3 }, { 2, 2, 1 } },
+        { { 1, 0, 8 }, { 2, 0, 4 },
+          { -2, 1, 2 }, { -1, 1, 4 }, { 0, 1, 8 }, { 1, 1, 4 }, { 2, 1, 2 },
+          { -2, 2, 1 }, { -1, 2, 2 }, { 0, 2, 4 }, { 1, 2, 2 }, { 2, 2, 1 } },
+        { { 1, 0, 1 }, { -1, 1, 1 }, { 0, 1, 1 } }      /* by importance: see above */
+    };
     double width = (double)map->image->width, height = (double)map->image->height;
     double side = ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count));
     int random = desc->kernel == ENVSAMP_KERNEL_RANDOM;
@@ -6286,7 +6275,12 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     h->map = map;
     h->desc = desc;
     h->once = desc->once && !random;
-    envsamp__set_kernel(h);
+    if (desc->scan == ENVSAMP_SCAN_TEXELS && !random) {
+        h->tap = taps[desc->kernel];
+        while (h->tap_count < ENVSAMP__TAPS && h->tap[h->tap_count].parts)
+            h->tap_count++;
+        h->rows = 1 + h->tap[h->tap_count - 1].below;
+    }
     side = desc->scan == ENVSAMP_SCAN_TEXELS ? 1.0 : envsamp__max(side, 1.0);
     side = random ? 16.0 : side;
     h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
@@ -6296,40 +6290,29 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     h->lit_count = ENVSAMP__TAKE(int, arena, map->image->width);
 }
 
-/* Sets the error at the start and what is taken off it. RANDOM: its draws, in their order, are as
-   the sums of exponential spacings over the sum of one more [14]. */
-static void envsamp__set_start(envsamp__halftone *h)
-{
-    uint32_t seed = h->desc->seed;
-    double spacings = 0.0;
-    int i;
-
-    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM) {
-        for (i = 0; i <= h->wanted; i++)
-            spacings += envsamp__spacing(seed, i);
-        h->gap_unit = h->total / spacings;
-        h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
-        return;
-    }
-    h->quantum = h->total / (double)h->wanted;
-    h->threshold = 0.5 * h->quantum;
-    h->error = seed ? (envsamp__random(seed, 0) - 0.5) * h->quantum : 0.0;
-    ENVSAMP_MEMSET(h->waiting, 0, (size_t)(h->rows * h->across) * sizeof(double));
-}
-
 /* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero.
    Without, error that ends in black cells leaves some out, and rounding, in a map of denormals,
-   may leave all out: then the last texel chosen, or the first lit one of the last row, repeats. */
+   may leave all out: then the last texel chosen, or the first lit one of the last row, repeats.
+   RANDOM: its draws, in their order, are as the sums of exponential spacings over the sum of one
+   more [14]. */
 static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
                                    envsamp_texel *texels)
 {
-    int x, y;
+    int random = h->desc->kernel == ENVSAMP_KERNEL_RANDOM, x, y, i;
+    uint32_t seed = h->desc->seed;
+    double spacings = 0.0;
 
     h->texels = texels;
     h->total = total;
     h->lit = lit;
     h->wanted = wanted;
-    envsamp__set_start(h);
+    ENVSAMP_MEMSET(h->waiting, 0, (size_t)(h->rows * h->across) * sizeof(double));
+    for (i = 0; i <= wanted && random; i++)
+        spacings += envsamp__spacing(seed, i);
+    h->gap_unit = random ? total / spacings : 0.0;
+    h->quantum = random ? h->gap_unit * envsamp__spacing(seed, 0) : total / (double)wanted;
+    h->threshold = random ? h->quantum : 0.5 * h->quantum;
+    h->error = seed && !random ? (envsamp__random(seed, 0) - 0.5) * h->quantum : 0.0;
     for (h->strip = 0; h->strip < h->down && h->chosen < wanted; h->strip++) {
         h->step = h->strip % 2 ? -1 : 1;
         envsamp__walk_strip(h);
@@ -8164,7 +8147,6 @@ typedef struct envsamp__lm {
     int stale;                  /* the Jacobian belongs to an earlier point */
     int fine;                   /* steps of differences are shorter than usual */
     int hidden;                 /* rounding hides the effect of a parameter */
-    int idle;                   /* a bit for each parameter that moves no residual */
     double ftol, xtol, gtol;
     double *params;             /* the best point so far */
     double *residuals, *trial;  /* unit f at params and at the point being tried */
@@ -8177,15 +8159,14 @@ typedef struct envsamp__lm {
     double step[ENVSAMP__LM_MAX_PARAMS];        /* z */
 } envsamp__lm;
 
-/* Four sums: the additions overlap, and rounding grows four times slower. */
 static double envsamp__lm_dot(const double *a, const double *b, int count)
 {
-    double sum[4] = { 0.0, 0.0, 0.0, 0.0 };
+    double sum = 0.0;
     int i;
 
     for (i = 0; i < count; i++)
-        sum[i & 3] += a[i] * b[i];
-    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+        sum += a[i] * b[i];
+    return sum;
 }
 
 /* The power of two, from 2^-1000 to 2^1000, that brings the largest of the numbers to 1 to 2;
@@ -8269,21 +8250,20 @@ static double envsamp__lm_difference(envsamp__lm *lm, int j, double scale, doubl
 /* Column j of J D^-1. A step of sqrt(epsilon) of a parameter's size balances truncation against
    rounding; but one near zero must still move the residuals by sqrt(epsilon) of their norm, or
    rounding in them swamps the difference. Steps ahead and back grow until one stands out from
-   rounding, and close in on what is not finite or far too much. If none does the parameter rests;
-   it is idle if no step moved a residual. */
+   rounding, and close in on what is not finite or far too much. If none does the parameter
+   rests. */
 static void envsamp__lm_column(envsamp__lm *lm, int j)
 {
     const double root = ENVSAMP_SQRT(DBL_EPSILON), fnorm = ENVSAMP_SQRT(lm->cost);
     const double scale = lm->scale[j], size = ENVSAMP__FABS(lm->params[j]);
     double h = size, low = DBL_MIN * root + DBL_EPSILON * size, wall = 0.0, factor = 65536.0;
-    int pass, moved = 0, passes = lm->idle >> j & 1 ? 2 : 26;
+    int pass, moved = 0;
 
     if (scale > 0.0 && h < 1.0)
         h = envsamp__max(h, fnorm < scale ? fnorm / scale : 1.0);
     h *= lm->fine ? root / 8192.0 : root;
     h = h > 0.0 ? envsamp__max(h, DBL_MIN) : root;
-    lm->idle &= ~(1 << j);
-    for (pass = 0; pass < passes && h > 1.001 * low; pass++) {
+    for (pass = 0; pass < 26 && h > 1.001 * low; pass++) {
         double change = envsamp__lm_difference(lm, j, scale, pass & 1 ? -h : h);
 
         if (change > 1.0)
@@ -8301,7 +8281,6 @@ static void envsamp__lm_column(envsamp__lm *lm, int j)
     ENVSAMP_MEMSET(lm->column[j], 0, (size_t)lm->m * sizeof(double));
     lm->scale[j] = scale;
     lm->hidden |= moved;
-    lm->idle |= moved ? 0 : 1 << j;
 }
 
 /* QR in place: the triangle on and above the diagonal, and Q^T rhs. A Householder reflection clears
@@ -8334,7 +8313,7 @@ static void envsamp__lm_triangle(double *const *column, int n, int m, double *rh
 static void envsamp__lm_linearise(envsamp__lm *lm)
 {
     double fnorm = ENVSAMP_SQRT(lm->cost);
-    int j;
+    int j, moving = 0;
 
     lm->stale = lm->hidden = 0;
     lm->cosine = 0.0;
@@ -8343,7 +8322,6 @@ static void envsamp__lm_linearise(envsamp__lm *lm)
         envsamp__lm_column(lm, j);
     if (lm->stopped)
         return;
-    lm->hidden |= lm->idle == (1 << lm->n) - 1;
     ENVSAMP_MEMCPY(lm->trial, lm->residuals, (size_t)lm->m * sizeof(double));
     envsamp__lm_triangle(lm->column, lm->n, lm->m, lm->trial);
     ENVSAMP_MEMCPY(lm->slope, lm->trial, (size_t)lm->n * sizeof(double));
@@ -8352,9 +8330,10 @@ static void envsamp__lm_linearise(envsamp__lm *lm)
         double along = ENVSAMP__FABS(envsamp__lm_dot(lm->column[j], lm->slope, j + 1));
 
         lm->cosine = envsamp__max(lm->cosine, norm > 0.0 ? along / norm / fnorm : 0.0);
+        moving |= norm > 0.0;
     }
     lm->stopped = lm->cosine <= lm->gtol;
-    lm->converged = lm->stopped && !lm->hidden;
+    lm->converged = lm->stopped && moving && !lm->hidden;
     if (lm->iterations == 0)
         lm->delta = envsamp__max(100.0 * envsamp__lm_scaled_norm(lm), fnorm);
 }
@@ -8471,7 +8450,7 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
                                       envsamp_lm_info *info)
 {
     envsamp_sizes sizes = { 0, envsamp_lm_scratch_bytes(desc) };
-    int i, tried = 0, limit;
+    int i, limit;
     envsamp_result result;
     envsamp__lm lm;
 
@@ -8506,10 +8485,6 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
             envsamp__lm_linearise(&lm);
         if (!lm.stopped)
             envsamp__lm_iterate(&lm);
-        if (lm.converged && lm.idle && lm.cost > 0.0 && !tried) {
-            tried = lm.stale = 1;       /* idle parameters are tried again before it ends */
-            lm.idle = lm.stopped = 0;
-        }
     }
     if (info) {
         info->iterations = lm.iterations;
