@@ -4576,14 +4576,10 @@ ENVSAMP_DEF envsamp_result envsamp_kd_step(envsamp_kd_job *job, int count, int *
 
 ENVSAMP_DEF envsamp_result envsamp_kd_finish(envsamp_kd_job *job, const envsamp_kd **kd)
 {
-    envsamp_result result;
+    envsamp_result result = kd ? envsamp_kd_step(job, INT_MAX, NULL) : ENVSAMP_ERR_NULL;
 
-    if (!kd)
-        return ENVSAMP_ERR_NULL;
-    *kd = NULL;
-    result = envsamp_kd_step(job, INT_MAX, NULL);
-    if (result == ENVSAMP_OK)
-        *kd = (const envsamp_kd *)job->base.table;
+    if (kd)
+        *kd = result == ENVSAMP_OK ? (const envsamp_kd *)job->base.table : NULL;
     return result;
 }
 
@@ -4591,13 +4587,12 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_buffer table,
                                             envsamp_buffer scratch, const envsamp_kd **kd)
 {
-    envsamp_kd_job *job;
-    envsamp_result result;
+    envsamp_kd_job *job = NULL;
+    envsamp_result result = envsamp_kd_begin(image, NULL, NULL, desc, table, scratch,
+                                             kd ? &job : NULL);
 
-    if (!kd)
-        return ENVSAMP_ERR_NULL;
-    *kd = NULL;
-    result = envsamp_kd_begin(image, NULL, NULL, desc, table, scratch, &job);
+    if (kd)
+        *kd = NULL;
     return result == ENVSAMP_OK ? envsamp_kd_finish(job, kd) : result;
 }
 
@@ -5293,10 +5288,9 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  * CDF                                                                           [search: @cdf]
  *
  * u1 chooses a row by its share of the light, u0 a texel of the row by its share of the row's.
- * Both are kept as whole parts of 2^24: a float u has that many values, so what is drawn is exactly
- * what the table says, and one difference of two edges gives both the density of a texel and the
- * place of a sample in it. Edges in units of 2^-32 would follow the light more closely, but claim
- * other chances than those of 24-bit numbers: bias, where here is a little variance.
+ * Both are kept as whole parts of 2^24, the values of a float u: what is drawn is exactly what the
+ * table says. Edges in units of 2^-32 would follow the light more closely, but claim other chances
+ * than those of 24-bit numbers: bias, where here is a little variance.
  *
  * One block of memory, as for kd: the header below, then, without gaps,
  *
