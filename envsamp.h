@@ -496,7 +496,7 @@ typedef struct envsamp_cdf envsamp_cdf;
 ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void);
 
 /* As envsamp_kd_sizes; exactly. The table is 4.5 to 5 bytes a texel, 4.5 at a width of 2^k, and
-   some 45 a row; scratch is 40 bytes a column, 80 a row, and 4 KB. */
+   some 40 a row; scratch is 40 bytes a column, 80 a row, and 4 KB. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
                                              const envsamp_cdf_desc *desc, envsamp_sizes *sizes);
 
@@ -831,7 +831,8 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 #include <assert.h>
 #define ENVSAMP_ASSERT(x) assert(x)
 #endif
-#if defined(__SSE__) && !defined(ENVSAMP_SQRTF) && defined(ENVSAMP__HOST_ONLY)
+#if defined(__SSE2__) && !defined(ENVSAMP_SQRT) && !defined(ENVSAMP_SQRTF) \
+    && defined(ENVSAMP__HOST_ONLY)
 #include <xmmintrin.h>          /* sqrtf is a call where errno counts, this never is */
 #define ENVSAMP_SQRTF(x) _mm_cvtss_f32(_mm_sqrt_ss(_mm_set1_ps(x)))
 #define ENVSAMP__SSE
@@ -1204,7 +1205,7 @@ static inline void envsamp__sqrt_double_n(double *x, int n)
 {
     int i = 0;
 
-#if defined(ENVSAMP__SSE) && defined(__SSE2__)
+#ifdef ENVSAMP__SSE
     for (; i + 2 <= n; i += 2)
         _mm_storeu_pd(x + i, _mm_sqrt_pd(_mm_loadu_pd(x + i)));
 #endif
@@ -1962,6 +1963,23 @@ static double envsamp__edges_sr(uint32_t mapping, const float edge[4])
                                 (double)ENVSAMP_FABSF(edge[3]), envsamp__sign(edge[3]));
 }
 
+/* Inside the map. */
+static int envsamp__edge_valid(uint32_t mapping, float edge, int axis)
+{
+    return envsamp__in_range(edge, -1.0f, 1.0f)
+        && (!envsamp__sign(edge) || (axis && mapping == ENVSAMP_LATLONG));
+}
+
+/* Edges x0, x1, y0, y1 that rise. */
+static int envsamp__edges_valid(uint32_t mapping, const float edge[4])
+{
+    int i, valid = edge[0] < edge[1] && envsamp__edge_key(edge[2]) < envsamp__edge_key(edge[3]);
+
+    for (i = 0; i < 4; i++)
+        valid &= envsamp__edge_valid(mapping, edge[i], i > 1);
+    return valid;
+}
+
 /* ---- points of a block ---- */
 
 /* Where a sample lies: azimuth in turns, 1 - cos theta, 1 + cos theta. */
@@ -2476,14 +2494,15 @@ static envsamp__cell envsamp__merge_cells(const envsamp__map *map, const envsamp
     return cell;
 }
 
-/* Reads a row of texels, and makes the cells of level 1 that are complete with it. */
-static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *source, int y)
+/* Reads a row of texels, adds its light, and completes its line of knots, and with the first and
+   the last row those of the borders beside it. */
+static envsamp_result envsamp__map_line(envsamp__map *map, envsamp__source *source, int y,
+                                        float *line)
 {
-    float *line = map->knots + (size_t)(y + map->bilinear) * map->stride;
-    float *texel = line + map->bilinear;
-    envsamp_result result = envsamp__source_row(source, y, texel);
-    int last = y + 1 == map->image_height, rows = last ? map->height : y + 1, cell_y = y / 4, x, i;
+    const float *texel = line + map->bilinear;
+    envsamp_result result = envsamp__source_row(source, y, line + map->bilinear);
     double sum[4] = { 0.0 };            /* so that one addition need not wait for the last */
+    int x, i;
 
     if (result != ENVSAMP_OK)
         return result;
@@ -2497,9 +2516,21 @@ static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *sourc
         envsamp__end_line(source, y, line);
         if (y == 0)
             envsamp__border_line(source, y, -1, line, line - map->stride);
-        if (last)
+        if (y + 1 == map->image_height)
             envsamp__border_line(source, y, map->image_height, line, line + map->stride);
     }
+    return ENVSAMP_OK;
+}
+
+/* Reads a row of texels, and makes the cells of level 1 that are complete with it. */
+static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *source, int y)
+{
+    envsamp_result result = envsamp__map_line(map, source, y, map->knots + (size_t)(y
+                                                              + map->bilinear) * map->stride);
+    int last = y + 1 == map->image_height, rows = last ? map->height : y + 1, cell_y = y / 4;
+
+    if (result != ENVSAMP_OK)
+        return result;
     for (; cell_y * 4 < rows && (cell_y * 4 + 4 <= rows || last); cell_y++)
         envsamp__cell_row(map, cell_y);
     envsamp__set_scale(map, map->peak);
@@ -4806,27 +4837,16 @@ static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t end, uint32
                                  : link < 0x7f800000u;
 }
 
-/* Inside the map. */
-static int envsamp__edge_valid(const envsamp_kd *kd, float edge, int axis)
-{
-    return envsamp__in_range(edge, -1.0f, 1.0f)
-        && (!envsamp__sign(edge) || (axis && kd->mapping == ENVSAMP_LATLONG));
-}
-
 /* Records with edges that rise, and bins that name blocks. */
 static int envsamp__kd_records_valid(const envsamp_kd *kd)
 {
     const envsamp__record *record = ENVSAMP__RECORDS(kd);
     const uint32_t *bins = ENVSAMP__ARRAY(uint32_t, kd, alias);
     uint32_t cuts = envsamp__cut_link(kd, 0) & ~ENVSAMP__INNER, room = 1u << kd->alias_shift;
-    uint32_t bits = 24 - kd->alias_shift, count = envsamp__record_count(kd), i, k;
+    uint32_t bits = 24 - kd->alias_shift, count = envsamp__record_count(kd), i;
 
     for (i = 0; i < count; i++, record++) {
-        for (k = 0; k < 4; k++)
-            if (!envsamp__edge_valid(kd, record->edge[k], k > 1))
-                return 0;
-        if (!(record->edge[0] < record->edge[1])
-            || envsamp__edge_key(record->edge[2]) >= envsamp__edge_key(record->edge[3])
+        if (!envsamp__edges_valid(kd->mapping, record->edge)
             || !envsamp__link_valid(record->link, cuts, kd->alias_at / 4, 4))
             return 0;
     }
@@ -4852,7 +4872,7 @@ static int envsamp__kd_cuts_valid(const envsamp_kd *kd)
         float units = cut * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
 
         if (!envsamp__in_range(cut, 0.0f, 1.0f) || (float)(int)units != units
-            || !envsamp__edge_valid(kd, node->edge, axis)
+            || !envsamp__edge_valid(kd->mapping, node->edge, axis)
             || !envsamp__link_valid(node->child[0], at + 4, end, 4)
             || !envsamp__link_valid(node->child[1], at + 4, end, 4))
             return 0;
@@ -5686,25 +5706,21 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  * CDF                                                                           [search: @cdf]
  *
  * u1 chooses a row by its share of the light, u0 a texel of the row by its share of the row's.
- * Both are kept as whole parts of 2^24: a float u has that many values, so what is drawn is exactly
- * what the table says, and one difference of two edges gives both the density of a texel and the
- * place of a sample in it. Edges in units of 2^-32 would follow the light more closely, but claim
- * other chances than those of 24-bit numbers: bias, where here is a little variance.
+ * Both are kept as whole parts of 2^24, the values of a float u: what is drawn is exactly what the
+ * table says. Edges in units of 2^-32 would follow the light more closely, but claim other chances
+ * than those of 24-bit numbers: bias, where here is a little variance.
  *
- * One block of memory, as for kd: the header below, then, each at a multiple of 16 bytes,
+ * One block of memory, as for kd: the header below, then, without gaps,
  *
- *     rows        height + 1 x { float north, south, polar, density }: 1 - cos and 1 + cos of the
- *                 row's upper edge, and it in the coordinates of a kd table's nodes; density of a
- *                 part of 2^24 of the row
+ *     rows        height + 1 x { float north, south, density }: 1 - cos and 1 + cos of the row's
+ *                 upper edge; density of a part of 2^24 of the row
  *     row_edges   height + WALK x uint32: row y is drawn where row_edges[y] <= 2^24 u1
  *                 < row_edges[y + 1]; 0 first, 2^24 at `height` and after it
- *     row_guide   2^row_bits x uint16: the row that is drawn where cell i of as many equal parts of
- *                 [0, 1) begins
- *     polar_guide 2^polar_bits x uint16: the row where cell i of the polar coordinate [0, 2]
- *                 begins; cells are small enough that no more than one edge lies within
- *     guide       height x 2^guide_bits x uint16: as row_guide, the texel, for each row
- *     edges       height x (width + WALK) x uint32: as row_edges, for each row. A black row has all
- *                 of itself in its first texel, and is not drawn.
+ *     edges       height x (width + WALK) x uint32: the same of the texels of each row. A black row
+ *                 has all of itself in its first texel, and is not drawn.
+ *     row_guide   2^row_bits + 1 x uint16: the row that is drawn where cell i of as many equal
+ *                 parts of [0, 1) begins; the last row at the end
+ *     guide       height x (2^guide_bits + 1) x uint16: the same of the texels of each row
  *
  * From the texel where its cell begins, a draw is compared with WALK edges at once [6]; a cell
  * holds two to four texels on average. Where that does not reach, as beside a lamp, the texels up
@@ -5715,77 +5731,73 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
  * ========================================================================================== */
 
 #define ENVSAMP__CDF_MAGIC 0x434b5345u      /* "ESKC" in memory */
-#define ENVSAMP__CDF_VERSION 4u
+#define ENVSAMP__CDF_VERSION 5u
 #define ENVSAMP__PARTS 0x1000000u           /* 2^24, */
 #define ENVSAMP__PARTS_2 281474976710656.0  /* and its square */
 #define ENVSAMP__WALK 4                     /* edges compared without a branch */
 
-typedef struct envsamp__cdf_row { float north, south, polar, density; } envsamp__cdf_row;
+typedef struct envsamp__cdf_row { envsamp__polar_pair top; float density; } envsamp__cdf_row;
 
 struct envsamp_cdf {
     uint32_t magic, version, checksum, mapping;     /* as every table: see envsamp__table */
     uint64_t bytes;                         /* 16 */
     uint32_t width, height;                 /* 24: of the cells: 1 more each if bilinear */
-    uint32_t row_bits, polar_bits, guide_bits;                          /* 32 */
-    float polar_scale;                      /* 44: cells of polar_guide per unit */
-    uint64_t rows_at, row_edges_at, row_guide_at, polar_guide_at;       /* 48 */
-    uint64_t guide_at, edges_at;            /* 80 */
-    double integral, excess_variance, max_ratio;    /* 96: see info */
-    uint64_t bad_pixel_count;               /* 120 */
-    float inverse_width;                    /* 128: of the image */
-    float mis_compensation;
+    uint32_t image_width, image_height;     /* 32 */
+    uint32_t row_bits, guide_bits;          /* 40 */
+    float inverse_width;                    /* 48: of the image */
+    float row_scale;                        /* 52: its rows per pi of polar angle */
+    float offset;                           /* 56: of cell edges, in texels: 0 or 1/2 */
     uint32_t bilinear;
-    float offset;                           /* 140: of cell edges, in texels: 0 or 1/2 */
-    uint32_t image_width, image_height;     /* 144 */
-    float polar_end;                        /* 152: where the map ends, in coordinates of nodes */
+    uint64_t rows_at, row_edges_at, edges_at, row_guide_at, guide_at;       /* 64 */
+    double integral, excess_variance, max_ratio;    /* 104: see info */
+    uint64_t bad_pixel_count;               /* 128 */
+    float mis_compensation;
     uint32_t spare;
 };
 
-typedef char envsamp__cdf_is_packed[sizeof(envsamp_cdf) == 160 ? 1 : -1];
+typedef char envsamp__cdf_is_packed[sizeof(envsamp_cdf) == 144 ? 1 : -1];
 
 /* The edges and the guide of a row. */
 #define ENVSAMP__CDF_EDGES(array, cdf, row) \
     (array(uint32_t, cdf, edges) + (size_t)(row) * ((size_t)(cdf)->width + ENVSAMP__WALK))
 #define ENVSAMP__CDF_GUIDE(array, cdf, row) \
-    (array(uint16_t, cdf, guide) + ((size_t)(row) << (cdf)->guide_bits))
+    (array(uint16_t, cdf, guide) + (size_t)(row) * (((size_t)1 << (cdf)->guide_bits) + 1))
 
 /* The upper edge of a row as kd tables have it. */
 ENVSAMP__MATH float envsamp__cdf_row_edge(const envsamp__cdf_row *row)
 {
-    return row->north <= row->south ? row->north : envsamp__with_sign(row->south, 1);
+    return row->top.north <= row->top.south ? row->top.north
+                                            : envsamp__with_sign(row->top.south, 1);
 }
 
 /* Puts the arrays in their places, and sets whatever else follows from width and height. */
 static void envsamp__cdf_layout(envsamp_cdf *cdf)
 {
-    uint64_t end = sizeof *cdf, width, height;
+    uint64_t width, height;
 
     width = cdf->width = cdf->image_width + cdf->bilinear;
     height = cdf->height = cdf->image_height + cdf->bilinear;
-    cdf->offset = 0.5f * (float)cdf->bilinear;
-    cdf->polar_end = cdf->mapping == ENVSAMP_HEMISPHERE ? 1.0f : 2.0f;
-    cdf->row_bits = cdf->polar_bits = envsamp__bits(cdf->height) + 1;
+    cdf->row_bits = envsamp__bits(cdf->height) + 1;
     cdf->guide_bits = cdf->width > 4 ? envsamp__bits(cdf->width) - 2 : 0;
-    cdf->polar_scale = (float)(1u << cdf->polar_bits) / cdf->polar_end;
     cdf->inverse_width = 1.0f / (float)cdf->image_width;
-    cdf->rows_at = envsamp__place_wide(&end, height + 1, sizeof(envsamp__cdf_row));
-    cdf->row_edges_at = envsamp__place_wide(&end, height + ENVSAMP__WALK, 4);
-    cdf->row_guide_at = envsamp__place_wide(&end, (uint64_t)1 << cdf->row_bits, 2);
-    cdf->polar_guide_at = envsamp__place_wide(&end, (uint64_t)1 << cdf->polar_bits, 2);
-    cdf->guide_at = envsamp__place_wide(&end, height << cdf->guide_bits, 2);
-    cdf->edges_at = envsamp__place_wide(&end, height * (width + ENVSAMP__WALK), 4);
-    cdf->bytes = end;
+    cdf->row_scale = (cdf->mapping == ENVSAMP_HEMISPHERE ? 2.0f : 1.0f) * (float)cdf->image_height;
+    cdf->offset = 0.5f * (float)cdf->bilinear;
+    cdf->rows_at = sizeof *cdf;
+    cdf->row_edges_at = cdf->rows_at + (height + 1) * sizeof(envsamp__cdf_row);
+    cdf->edges_at = cdf->row_edges_at + (height + ENVSAMP__WALK) * 4;
+    cdf->row_guide_at = cdf->edges_at + height * (width + ENVSAMP__WALK) * 4;
+    cdf->guide_at = cdf->row_guide_at + (((uint64_t)1 << cdf->row_bits) + 1) * 2;
+    cdf->bytes = cdf->guide_at + height * (((uint64_t)1 << cdf->guide_bits) + 1) * 2;
 }
 
 /* ---- building ---- */
 
 struct envsamp_cdf_job {
-    envsamp__job base;              /* its map: no pyramid; two lines of knots, or one of texels */
-    double *weight;                 /* of each cell of a row: root mean square x solid angle */
-    double *cell_square;            /* of each cell of a row, in units of its width, and its */
-    float *cell_max;                /* maximum */
-    double *mass;                   /* of each row */
-    double *square, *peak;          /* of each row: sum of L L / parts, largest L / parts */
+    envsamp__job base;          /* its map: no pyramid; three lines of knots, or one of texels */
+    double *weight;                 /* of each cell of a row: root mean square */
+    float *peak;                    /* and maximum */
+    double *row_mass;
+    double *row_square, *row_peak;  /* of each row: sum of L L / parts, largest L / parts */
 };
 
 /* Lays a build out: its scratch memory, the job first, and the header of its table. */
@@ -5800,156 +5812,111 @@ static void envsamp__cdf_plan(const envsamp_image *image, const envsamp_cdf_desc
     cdf->image_height = (uint32_t)image->height;
     envsamp__cdf_layout(cdf);
     envsamp__job_carve(&job->base, sizeof *job, image, (int)cdf->bilinear, desc->mis_compensation,
-                       1 + cdf->bilinear, arena);
-    job->weight = ENVSAMP__TAKE(double, arena, cdf->width + ENVSAMP__CHUNK - 1);
-    job->cell_square = ENVSAMP__TAKE(double, arena, cdf->width + ENVSAMP__CHUNK - 1);
-    job->cell_max = ENVSAMP__TAKE(float, arena, cdf->width + ENVSAMP__CHUNK - 1);
-    job->mass = ENVSAMP__TAKE(double, arena, cdf->height);
-    job->square = ENVSAMP__TAKE(double, arena, cdf->height);
-    job->peak = ENVSAMP__TAKE(double, arena, cdf->height);
+                       1 + 2 * cdf->bilinear, arena);
+    job->weight = ENVSAMP__TAKE(double, arena, cdf->width + 7);
+    job->peak = ENVSAMP__TAKE(float, arena, cdf->width + 7);
+    job->row_mass = ENVSAMP__TAKE(double, arena, cdf->height + 3);
+    job->row_square = ENVSAMP__TAKE(double, arena, cdf->height);
+    job->row_peak = ENVSAMP__TAKE(double, arena, cdf->height);
 }
 
-/* Shares 2^24 parts out by weights, of which `lit` are above zero: one for each of these, then the
-   rest in proportion to their total, the running sum rounded down; the last has what is left. And
-   the guide: the last index that begins where each of its cells begins, or before. */
-static void envsamp__cdf_share(const double *weight, uint32_t count, double total, uint32_t lit,
-                               uint32_t *edges, uint32_t bits, uint16_t *guide)
+/* Shares 2^24 parts out by weights: one for each that is above zero, then the rest in proportion,
+   the running sum rounded down; the last has what is left. And the guide: the last index that
+   begins where each of its cells begins, or before. Returns the sum of the weights, whose array is
+   filled with zeros up to a multiple of four, so that compilers vectorise. */
+static double envsamp__cdf_share(double *weight, uint32_t count, uint32_t *edges, uint32_t bits,
+                                 uint16_t *guide)
 {
-    double scale = lit ? (double)(ENVSAMP__PARTS - lit) / total : 0.0, sum = 0.0;
-    uint32_t shift = 24 - bits, cells = 1u << bits, edge = 0, met = 0, cell, i;
+    double total[4] = { 0.0 }, above[4] = { 0.0 }, scale, sum = 0.0;
+    uint32_t shift = 24 - bits, cells = 1u << bits, edge = 0, lit, met = 0, cell, i, k;
 
-    ENVSAMP_MEMSET(guide, 0, cells * sizeof *guide);
+    for (i = count; i % 4; i++)
+        weight[i] = 0.0;
+    for (i = 0; i < count; i += 4)
+        for (k = 0; k < 4; k++) {
+            total[k] += weight[i + k];
+            above[k] += weight[i + k] > 0.0 ? 1.0 : 0.0;
+        }
+    total[0] = (total[0] + total[1]) + (total[2] + total[3]);
+    lit = (uint32_t)((above[0] + above[1]) + (above[2] + above[3]));
+    scale = lit ? (double)(ENVSAMP__PARTS - lit) / total[0] : 0.0;
+    ENVSAMP_MEMSET(guide, 0, (cells + 1) * sizeof *guide);
     for (i = 0; i < count; i++) {
         edges[i] = edge;
-        cell = (edge + (1u << shift) - 1) >> shift;
-        if (cell < cells)
-            guide[cell] = (uint16_t)i;
+        guide[(edge + (1u << shift) - 1) >> shift] = (uint16_t)i;
         sum += weight[i];
         met += weight[i] > 0.0;
         edge = met == lit ? ENVSAMP__PARTS : met + (uint32_t)(int)(sum * scale);
     }
     for (i = count; i < count + ENVSAMP__WALK; i++)
         edges[i] = ENVSAMP__PARTS;
-    for (cell = 1; cell < cells; cell++)
+    for (cell = 1; cell <= cells; cell++)
         guide[cell] = guide[cell] < guide[cell - 1] ? guide[cell - 1] : guide[cell];
-}
-
-/* Light, sum of squares and maximum of eight cells one wide below knots `a`, in doubles. */
-static inline void envsamp__cdf_cells(const envsamp__map *map, const envsamp__row_part *part,
-                                      const float *a, double *sum, double *square, float *peak)
-{
-    const float *c = a + (map->bilinear ? map->stride : 0);
-    int next = map->bilinear, x;
-
-    for (x = 0; x < 8; x++) {
-        double a0 = (double)a[x], a1 = (double)a[x + next];
-        double r0 = (double)c[x] - a0, r1 = (double)c[x + next] - a1;
-        double m0 = a0 + part->at * r0, m1 = a1 + part->at * r1, m = m0 + m1, r = r0 + r1;
-
-        sum[x] = 0.5 * part->sr * m;
-        square[x] = part->sr / 3.0 * ((m * m - m0 * m1) + part->spread * (r * r - r0 * r1));
-    }
-    for (x = 0; x < 8; x++) {
-        float left = a[x] > c[x] ? a[x] : c[x];
-        float right = a[x + next] > c[x + next] ? a[x + next] : c[x + next];
-
-        peak[x] = left > right ? left : right;
-    }
-}
-
-/* What the cells of a row are drawn in proportion to, and what they will cost. Returns the sum of
-   the weights. Sums are kept apart in eight lanes: loops that compilers vectorise. */
-static double envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, uint32_t *lit)
-{
-    envsamp__map *map = &job->base.map;
-    const envsamp__row_part *part = &map->rows[y];
-    double total[8] = { 0.0 }, sum[8] = { 0.0 }, above[8] = { 0.0 };
-    double light[8], square[8], weight[8];
-    float peak[8];
-    int x0, x, side;
-
-    for (x0 = 0; x0 < map->width; x0 += 8) {
-        int count = envsamp__min(8, map->width - x0);
-
-        envsamp__cdf_cells(map, part, map->knots + x0, light, square, peak);
-        for (x = count; x < 8; x++) {
-            light[x] = square[x] = 0.0;
-            peak[x] = 0.0f;
-        }
-        for (side = 0; side < 2 && map->bilinear; side++) {     /* cells that are half as wide */
-            x = side ? map->width - 1 - x0 : -x0;
-            if (x < 0 || x >= count)
-                continue;
-            light[x] *= 0.5;
-            square[x] *= 0.25;              /* by solid angle, and in units of the width */
-            peak[x] *= 0.5f;
-        }
-        ENVSAMP_MEMCPY(weight, light, sizeof weight);
-        if (map->bilinear) {
-            for (x = 0; x < 8; x++)
-                weight[x] = part->sr * square[x];
-            envsamp__sqrt_double_n(weight, 8);
-        }
-        for (x = 0; x < 8; x++) {
-            total[x] += weight[x];
-            sum[x] += light[x];
-            above[x] += weight[x] > 0.0 ? 1.0 : 0.0;
-        }
-        ENVSAMP_MEMCPY(job->weight + x0, weight, sizeof weight);
-        ENVSAMP_MEMCPY(job->cell_square + x0, square, sizeof square);
-        ENVSAMP_MEMCPY(job->cell_max + x0, peak, sizeof peak);
-    }
-    for (; x0 % ENVSAMP__CHUNK; x0++) {     /* to whole chunks */
-        job->cell_square[x0] = 0.0;
-        job->cell_max[x0] = 0.0f;
-    }
-    for (x = 1; x < 8; x++) {
-        total[0] += total[x];
-        sum[0] += sum[x];
-        above[0] += above[x];
-    }
-    map->integral += sum[0];
-    *lit = (uint32_t)above[0];
     return total[0];
 }
 
-/* Row y of cells, whose knots are in memory. */
-static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y)
+/* Weights and maxima of the cells of row y, below `line`. Loops of eight are those that compilers
+   vectorise. */
+static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, const float *line)
+{
+    const envsamp__map *map = &job->base.map;
+    double at = map->rows[y].at, spread = map->rows[y].spread, weight[8];
+    int width = map->width, next = map->bilinear, x0, x;
+    float peak[8];
+
+    for (x0 = 0; x0 < width; x0 += 8) {
+        const float *a = line + x0, *c = a + (next ? map->stride : 0);
+
+        for (x = 0; x < 8; x++) {
+            double a0 = (double)a[x], a1 = (double)a[x + next];
+            double r0 = (double)c[x] - a0, r1 = (double)c[x + next] - a1;
+            double m0 = a0 + at * r0, m1 = a1 + at * r1, m = m0 + m1, r = r0 + r1;
+
+            weight[x] = 1.0 / 3.0 * ((m * m - m0 * m1) + spread * (r * r - r0 * r1));
+        }
+        for (x = 0; x < 8; x++) {
+            float left = a[x] > c[x] ? a[x] : c[x];
+            float right = a[x + next] > c[x + next] ? a[x + next] : c[x + next];
+
+            peak[x] = left > right ? left : right;
+        }
+        envsamp__sqrt_double_n(weight, 8);
+        ENVSAMP_MEMCPY(job->weight + x0, weight, sizeof weight);
+        ENVSAMP_MEMCPY(job->peak + x0, peak, sizeof peak);
+    }
+    for (x = width; x < x0; x++)
+        job->peak[x] = 0.0f;
+    for (x = 0; x < 2 && next; x++) {       /* cells that are half as wide */
+        job->weight[x * (width - 1)] *= 0.5;
+        job->peak[x * (width - 1)] *= 0.5f;
+    }
+}
+
+/* Row y of cells, and what it will cost. */
+static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y, const float *line)
 {
     envsamp_cdf *cdf = (envsamp_cdf *)job->base.table;
-    uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY_OUT, cdf, y), lit;
-    double square[ENVSAMP__CHUNK] = { 0.0 }, peak[ENVSAMP__CHUNK] = { 0.0 };
-    double inverse[ENVSAMP__CHUNK];
-    uint32_t end[ENVSAMP__CHUNK + 1];
-    int width = (int)cdf->width, x0, x;
+    uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY_OUT, cdf, y), x, i;
+    double square[4] = { 0.0 }, peak[4] = { 0.0 }, inverse[4], sr = job->base.map.rows[y].sr;
 
-    job->mass[y] = envsamp__cdf_weigh_row(job, y, &lit);
-    envsamp__cdf_share(job->weight, cdf->width, job->mass[y], lit, edges, cdf->guide_bits,
-                       ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y));
-    for (x0 = 0; x0 < width; x0 += ENVSAMP__CHUNK) {
-        const double *cell_square = job->cell_square + x0;
-        const float *cell_max = job->cell_max + x0;
-        const uint32_t *edge = edges + x0;
+    envsamp__cdf_weigh_row(job, y, line);
+    job->row_mass[y] = sr * envsamp__cdf_share(job->weight, cdf->width, edges, cdf->guide_bits,
+                                               ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y));
+    for (x = 0; x < cdf->width; x += 4) {
+        const uint32_t *edge = edges + x;
+        const double *weight = job->weight + x;
+        const float *most = job->peak + x;
 
-        if (x0 + ENVSAMP__CHUNK > width) {
-            for (x = 0; x <= ENVSAMP__CHUNK; x++)
-                end[x] = ENVSAMP__PARTS;
-            ENVSAMP_MEMCPY(end, edge, (size_t)(width - x0) * sizeof *edge);
-            edge = end;
+        for (i = 0; i < 4; i++)         /* a cell without parts costs nothing */
+            inverse[i] = 1.0 / (double)(int)(edge[i + 1] - edge[i] + (edge[i + 1] == edge[i]));
+        for (i = 0; i < 4; i++) {
+            square[i] += weight[i] * weight[i] * inverse[i];
+            peak[i] = envsamp__max(peak[i], (double)most[i] * inverse[i]);
         }
-        for (x = 0; x < ENVSAMP__CHUNK; x++)    /* a cell without parts costs nothing */
-            inverse[x] = 1.0 / (double)(int)(edge[x + 1] - edge[x] + (edge[x + 1] == edge[x]));
-        for (x = 0; x < ENVSAMP__CHUNK; x++)
-            square[x] += cell_square[x] * inverse[x];
-        for (x = 0; x < ENVSAMP__CHUNK; x++)
-            peak[x] = envsamp__max(peak[x], (double)cell_max[x] * inverse[x]);
     }
-    for (x = 1; x < ENVSAMP__CHUNK; x++) {
-        square[0] += square[x];
-        peak[0] = envsamp__max(peak[0], peak[x]);
-    }
-    job->square[y] = square[0];
-    job->peak[y] = peak[0];
+    job->row_square[y] = sr * ((square[0] + square[1]) + (square[2] + square[3]));
+    job->row_peak[y] = envsamp__max(envsamp__max(peak[0], peak[1]),
+                                    envsamp__max(peak[2], peak[3]));
 }
 
 /* The rows, by their masses, and what all of it costs. Densities are by the solid angle of the map,
@@ -5960,37 +5927,24 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     const envsamp__map *map = &job->base.map;
     envsamp__cdf_row *rows = ENVSAMP__ARRAY_OUT(envsamp__cdf_row, cdf, rows);
     uint32_t *edges = ENVSAMP__ARRAY_OUT(uint32_t, cdf, row_edges);
-    uint16_t *polar_guide = ENVSAMP__ARRAY_OUT(uint16_t, cdf, polar_guide);
-    double second = 0.0, peak = 0.0, total = 0.0;
-    uint32_t lit = 0, cell, y;
+    double second = 0.0, peak = 0.0;
+    uint32_t y;
 
-    for (y = 0; y < cdf->height; y++) {
-        total += job->mass[y];
-        lit += job->mass[y] > 0.0;
-    }
-    envsamp__cdf_share(job->mass, cdf->height, total, lit, edges, cdf->row_bits,
+    envsamp__cdf_share(job->row_mass, cdf->height, edges, cdf->row_bits,
                        ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
     for (y = 0; y <= cdf->height; y++) {
-        float edge = envsamp__stored_edge(map, envsamp__cell_edge(map, (int)y, 1), 1);
-
-        rows[y].north = envsamp__edge_pair(edge).north;
-        rows[y].south = envsamp__edge_pair(edge).south;
-        rows[y].polar = ENVSAMP_FABSF(envsamp__node_cut(cdf->mapping, edge, 1));
+        rows[y].top = envsamp__edge_pair(envsamp__stored_edge(
+            map, envsamp__cell_edge(map, (int)y, 1), 1));
         rows[y].density = 0.0f;
-        if (y == cdf->height || !(job->mass[y] > 0.0))
+        if (y == cdf->height || !(job->row_mass[y] > 0.0))
             continue;
         rows[y].density = (float)((double)(edges[y + 1] - edges[y])
                                   / ENVSAMP__PARTS_2 / map->rows[y].sr);
-        second += job->square[y] / (double)rows[y].density;
-        peak = envsamp__max(peak, job->peak[y] / (double)rows[y].density);
+        second += job->row_square[y] / (double)rows[y].density;
+        peak = envsamp__max(peak, job->row_peak[y] / (double)rows[y].density);
     }
     cdf->excess_variance = envsamp__excess(second, map->integral);
     cdf->max_ratio = peak / map->integral;
-    for (cell = y = 0; cell < 1u << cdf->polar_bits; cell++) {
-        while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
-            y++;
-        polar_guide[cell] = (uint16_t)y;
-    }
 }
 
 /* Reads a row of texels and writes the rows of cells that are complete with it. After the last
@@ -6000,45 +5954,36 @@ static int envsamp__cdf_work(void *work, int item)
     envsamp_cdf_job *job = (envsamp_cdf_job *)work;
     envsamp__job *base = &job->base;
     envsamp_cdf *cdf = (envsamp_cdf *)base->table;
-    envsamp__source *source = &base->source;
     envsamp__map *map = &base->map;
     float *above = map->knots, *line = above + (map->bilinear ? map->stride : 0);
 
-    if (item == map->image_height) {
-        base->result = map->integral > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
-        if (base->result != ENVSAMP_OK)
-            return 1;
-        envsamp__cdf_write_rows(job, cdf);
-        cdf->integral = source->compensation > 0.0f ? source->integral : map->integral;
-        cdf->mis_compensation = source->compensation;
-        cdf->bad_pixel_count = source->bad_pixel_count;
-        base->phase = (envsamp__phase)(ENVSAMP__CHECKSUM - 1);
-        return 0;
-    }
-    base->result = envsamp__source_row(source, item, line + map->bilinear);
+    base->result = envsamp__map_line(map, &base->source, item, line);
     if (base->result != ENVSAMP_OK)
         return 1;
-    if (map->bilinear) {
-        envsamp__end_line(source, item, line);
-        if (item == 0)
-            envsamp__border_line(source, item, -1, line, above);
+    envsamp__cdf_write_row(job, item, above);
+    if (item + 1 < map->image_height) {
+        if (map->bilinear)
+            ENVSAMP_MEMCPY(above, line, map->stride * sizeof(float));
+        return 1;
     }
-    envsamp__cdf_write_row(job, item);
-    if (map->bilinear) {
-        ENVSAMP_MEMCPY(above, line, map->stride * sizeof(float));
-        if (item + 1 == map->image_height) {
-            envsamp__border_line(source, item, map->image_height, above, line);
-            envsamp__cdf_write_row(job, item + 1);
-        }
+    if (map->bilinear)
+        envsamp__cdf_write_row(job, item + 1, line);
+    if (!(map->integral > 0.0)) {
+        base->result = ENVSAMP_ERR_BLACK;
+        return 1;
     }
-    return 1;
+    envsamp__cdf_write_rows(job, cdf);
+    cdf->integral = base->source.compensation > 0.0f ? base->source.integral : map->integral;
+    cdf->mis_compensation = base->source.compensation;
+    cdf->bad_pixel_count = base->source.bad_pixel_count;
+    base->phase = (envsamp__phase)(ENVSAMP__CHECKSUM - 1);
+    return 0;
 }
 
 ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
 {
-    envsamp_cdf_desc desc;
+    const envsamp_cdf_desc desc = { 0.0f, 0, 0, 0.0f };
 
-    ENVSAMP_MEMSET(&desc, 0, sizeof desc);
     return desc;
 }
 
@@ -6071,7 +6016,6 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
     envsamp_cdf *cdf = (envsamp_cdf *)table.data;
     envsamp_sizes sizes;
     envsamp_result result;
-    int i;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
@@ -6084,12 +6028,6 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
         return result;
     *job = (envsamp_cdf_job *)scratch.data;
     envsamp__cdf_plan(image, desc, &arena, *job, cdf);
-    for (i = 0; i < 6; i++) {           /* arrays end where the next one begins, but for a gap */
-        const uint64_t ends[] = { cdf->row_edges_at, cdf->row_guide_at, cdf->polar_guide_at,
-                                  cdf->guide_at, cdf->edges_at, cdf->bytes };
-
-        ENVSAMP_MEMSET((char *)cdf + ends[i] - ENVSAMP__GRANULE, 0, ENVSAMP__GRANULE);
-    }
     envsamp__job_start(&(*job)->base, cdf, ENVSAMP__CDF_MAGIC, envsamp__cdf_work, fn, user,
                        desc->strict);
     return ENVSAMP_OK;
@@ -6135,8 +6073,8 @@ static int envsamp__cdf_edges_valid(const uint32_t *edges, uint32_t count, const
     for (i = 0; i + 1 < count + ENVSAMP__WALK; i++)
         if (edges[i] > edges[i + 1] || edges[i + 1] > ENVSAMP__PARTS)
             return 0;
-    for (cell = i = 0; cell < 1u << bits; cell++) {
-        while (edges[i + 1] <= cell << (24 - bits))
+    for (cell = i = 0; cell <= 1u << bits; cell++) {
+        while (i + 1 < count && edges[i + 1] <= cell << (24 - bits))
             i++;
         if (guide[cell] != i)
             return 0;
@@ -6144,39 +6082,25 @@ static int envsamp__cdf_edges_valid(const uint32_t *edges, uint32_t count, const
     return 1;
 }
 
-/* Rows that follow one another, with densities where they are drawn, and the guide to them. */
+/* Rows that follow one another, with the densities of their edges, but for the rounding of low
+   rows. */
 static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
 {
-    const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
-    const uint32_t *edges = ENVSAMP__ARRAY(uint32_t, cdf, row_edges);
-    const uint16_t *guide = ENVSAMP__ARRAY(uint16_t, cdf, polar_guide);
-    uint32_t y, cell;
+    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
+    const uint32_t *edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges), *last = edge + cdf->height;
 
-    for (y = 0; y <= cdf->height; y++) {
-        float edge = envsamp__cdf_row_edge(rows + y);
-        envsamp__polar_pair sides = envsamp__edge_pair(edge);
+    for (; edge < last; edge++, row++) {
+        const float e[4] = { 0.0f, 1.0f, envsamp__cdf_row_edge(row),
+                             envsamp__cdf_row_edge(row + 1) };
+        const envsamp__polar_pair top = envsamp__edge_pair(e[2]), end = envsamp__edge_pair(e[3]);
+        double draws = (double)(edge[1] - edge[0]) / ENVSAMP__PARTS_2;
+        double claimed = (double)row->density * envsamp__edges_sr(cdf->mapping, e)
+                       / (double)cdf->image_width;
 
-        if (!envsamp__in_range(edge, -1.0f, 1.0f) || !envsamp__in_range(rows[y].polar, 0.0f, 2.0f)
-            || (cdf->mapping != ENVSAMP_LATLONG && envsamp__sign(edge))
-            || ENVSAMP_MEMCMP(&sides, rows + y, sizeof sides))
-            return 0;
-    }
-    for (y = 0; y < cdf->height; y++) {
-        const float row[4] = { 0.0f, 1.0f, envsamp__cdf_row_edge(rows + y),
-                                     envsamp__cdf_row_edge(rows + y + 1) };
-        double sr = envsamp__edges_sr(cdf->mapping, row) / (double)cdf->image_width;
-        double draws = (double)(edges[y + 1] - edges[y]) / ENVSAMP__PARTS_2;
-        double density = sr > 0.0 ? draws / sr : 0.0;
-
-        if (!(sr > 0.0) || !(rows[y].polar < rows[y + 1].polar)
-            || !envsamp__in_range(rows[y].density, 0.0f, FLT_MAX)
-            || !(ENVSAMP__FABS((double)rows[y].density - density) <= 0.01 * density))
-            return 0;                                       /* edges of low rows are rounded */
-    }
-    for (cell = y = 0; cell < 1u << cdf->polar_bits; cell++) {
-        while (y + 1 < cdf->height && rows[y + 1].polar * cdf->polar_scale <= (float)cell)
-            y++;
-        if (guide[cell] != y)
+        if (ENVSAMP_MEMCMP(&top, row, sizeof top) || ENVSAMP_MEMCMP(&end, row + 1, sizeof end)
+            || !envsamp__edges_valid(cdf->mapping, e)
+            || !envsamp__in_range(row->density, 0.0f, FLT_MAX / (2.0f * ENVSAMP__UNIT))
+            || !(ENVSAMP__FABS(claimed - draws) <= 0.01 * draws))
             return 0;
     }
     return 1;
@@ -6241,16 +6165,16 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_get_info(const envsamp_cdf *cdf, envsamp_
 
 /* The index i with edges[i] <= draw < edges[i + 1]. The first steps are without a branch: a
    mispredict costs more than they do. */
-ENVSAMP__HOT uint32_t envsamp__cdf_find(const uint32_t *edges, uint32_t count,
-                                        const uint16_t *guide, uint32_t bits, uint32_t draw)
+ENVSAMP__HOT uint32_t envsamp__cdf_find(const uint32_t *edges, const uint16_t *guide,
+                                        uint32_t bits, uint32_t draw)
 {
-    uint32_t cell = draw >> (24 - bits), low = guide[cell], i, last;
+    uint32_t cell = draw >> (24 - bits), low = guide[cell], last, i;
     const uint32_t *edge = edges + low;
 
     i = low + (edge[1] <= draw) + (edge[2] <= draw) + (edge[3] <= draw) + (edge[4] <= draw);
     if (edges[i + 1] > draw)
         return i;
-    last = cell + 1 < 1u << bits ? guide[cell + 1] : count - 1;
+    last = guide[cell + 1];
     for (low = i + 1; low < last;) {
         uint32_t middle = low + (last - low) / 2;
 
@@ -6264,7 +6188,7 @@ ENVSAMP__HOT uint32_t envsamp__cdf_find(const uint32_t *edges, uint32_t count,
 
 ENVSAMP__HOT uint32_t envsamp__cdf_find_row(const envsamp_cdf *cdf, uint32_t draw)
 {
-    return envsamp__cdf_find(ENVSAMP__ARRAY(uint32_t, cdf, row_edges), cdf->height,
+    return envsamp__cdf_find(ENVSAMP__ARRAY(uint32_t, cdf, row_edges),
                              ENVSAMP__ARRAY(uint16_t, cdf, row_guide), cdf->row_bits, draw);
 }
 
@@ -6277,18 +6201,6 @@ ENVSAMP__HOT uint32_t envsamp__draw(float u)
 /* A texel; `valid` is 0 for some texel in place of none. */
 typedef struct envsamp__cdf_place { uint32_t column, row; int valid; } envsamp__cdf_place;
 
-/* The texel of a row that a number draws. */
-ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_place_of(const envsamp_cdf *cdf, uint32_t row,
-                                                      uint32_t across)
-{
-    envsamp__cdf_place at = { 0, row, 1 };
-
-    at.column = envsamp__cdf_find(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row), cdf->width,
-                                  ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row), cdf->guide_bits,
-                                  across);
-    return at;
-}
-
 /* Those at the sides of a bilinear map are half as wide. */
 ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_place at)
 {
@@ -6299,64 +6211,74 @@ ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_pla
     return at.valid ? (float)(int)((edge[1] - edge[0]) << half) * density : 0.0f;
 }
 
-/* Where in its cell a sample lies. Half a part is added to draws: without it the first draw of a
-   cell would lie on the edge, where rounding decides which cell it belongs to. */
-ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, envsamp__cdf_place at,
-                                               uint32_t across, uint32_t down)
+/* Where in its row a sample lies, and its density. Half a part is added to draws: without it the
+   first draw of a cell would lie on the edge, where rounding decides which cell it belongs to. */
+ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, uint32_t y, uint32_t down,
+                                               uint32_t across, float *pdf)
 {
-    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
-    const uint32_t *row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row;
-    const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
-    float fx = ((float)(int)(across - edge[0]) + 0.5f) / (float)(int)(edge[1] - edge[0]);
+    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + y;
+    const uint32_t *row_edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + y;
+    const uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, y);
+    uint32_t x = envsamp__cdf_find(edges, ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, y),
+                                   cdf->guide_bits, across);
+    const envsamp__cdf_place at = { x, y, 1 };
+    float fx = ((float)(int)(across - edges[x]) + 0.5f) / (float)(int)(edges[x + 1] - edges[x]);
     float fy = ((float)(int)(down - row_edge[0]) + 0.5f) / (float)(int)(row_edge[1] - row_edge[0]);
-    float x0 = (float)(int)at.column - cdf->offset, x1 = x0 + 1.0f;
-    float end = (float)(int)cdf->image_width;
+    float x0 = (float)(int)x - cdf->offset, x1 = x0 + 1.0f, end = (float)(int)cdf->image_width;
     envsamp__point p;
 
     x0 = x0 > 0.0f ? x0 : 0.0f;
     x1 = x1 < end ? x1 : end;
-    p.x = envsamp__clamp_unit((x0 + fx * (x1 - x0)) * cdf->inverse_width);
-    p.north = row[0].north + fy * (row[1].north - row[0].north);
-    p.south = row[0].south + fy * (row[1].south - row[0].south);
+    p.x = (x0 + fx * (x1 - x0)) * cdf->inverse_width;
+    p.north = row[0].top.north + fy * (row[1].top.north - row[0].top.north);
+    p.south = row[0].top.south + fy * (row[1].top.south - row[0].top.south);
+    *pdf = envsamp__cdf_density(cdf, at);
     return p;
 }
 
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *cdf, float u0,
                                                              float u1)
 {
-    uint32_t down = envsamp__draw(u1), row, across;
-    envsamp__cdf_place at;
+    uint32_t down = envsamp__draw(u1), row;
+    envsamp__point p;
     float pdf;
 
     ENVSAMP_ASSERT(cdf);
     row = envsamp__cdf_find_row(cdf, down);
-    across = envsamp__draw(u0);         /* in this order clang makes no branches of the choices */
-    at = envsamp__cdf_place_of(cdf, row, across);
-    pdf = envsamp__cdf_density(cdf, at);
-    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, at, across, down), pdf);
+    p = envsamp__cdf_point(cdf, row, down, envsamp__draw(u0), &pdf);
+    return envsamp__point_sample(cdf->mapping, p, pdf);
 }
 
 /* ---- density ---- */
 
-/* The texel in a direction. r is |(x, y)|. A cell of the guide meets one edge at most, so the loop
-   is one step; the coordinate of a vector that is no direction is 0, and so is its azimuth. */
+/* The texel in a direction. r is |(x, y)|. v is half a turn of the arc tangent of r / |z|, which is
+   an eighth of a turn and that of t: the sum of envsamp__octant_turn, but in pairs, as it waits for
+   r. */
 ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x, float y, float z,
                                                 float r)
 {
-    envsamp__l1_coords d = envsamp__dir_to_grid(cdf->mapping, x, y, z, r);
-    const envsamp__cdf_row *rows = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
-    uint32_t cell = (uint32_t)(int)(d.polar * cdf->polar_scale);
-    float turn = cdf->mapping == ENVSAMP_OCTAHEDRAL ? 0.25f * d.azimuth
-               : envsamp__turn(d.valid ? y : 0.0f, d.valid ? x : 0.0f);
+    float high = ENVSAMP_FABSF(z), sum = r + high, u, v, t, s, s2;
     envsamp__cdf_place at;
 
-    /* after the turn: before it, clang makes branches of the choices in there, at twice the time */
-    cell = cell < 1u << cdf->polar_bits ? cell : (1u << cdf->polar_bits) - 1;
-    at.row = ENVSAMP__ARRAY(uint16_t, cdf, polar_guide)[cell];
-    while (at.row + 1 < cdf->height && d.polar >= rows[at.row + 1].polar)
-        at.row++;
-    at.column = envsamp__index(turn * (float)(int)cdf->image_width + cdf->offset, cdf->width);
-    at.valid = d.valid;
+    at.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum);
+    if (cdf->mapping == ENVSAMP_OCTAHEDRAL) {
+        envsamp__l1_coords d = envsamp__dir_to_grid(cdf->mapping, x, y, z, r);
+
+        u = 0.25f * d.azimuth;
+        v = 0.5f * d.polar;
+    } else {
+        u = envsamp__turn(at.valid ? y : 0.0f, at.valid ? x : 0.0f);
+        t = 1.0f - 2.0f * ((at.valid ? high : 1.0f) / (at.valid ? sum : 1.0f));
+        s = t * t;
+        s2 = s * s;
+        t *= ((0.318309882f - s * 0.106102533f) + s2 * (0.0636398678f - s * 0.0452227112f))
+           + s2 * s2 * (((0.0339148928f - s * 0.0239804388f)
+                         + s2 * (0.0136998603f - s * 0.005183045f)) + s2 * s2 * 0.000924230142f);
+        v = 0.5f - ENVSAMP_COPYSIGNF(0.25f - t, z);
+        at.valid &= cdf->mapping == ENVSAMP_LATLONG || v <= 0.5f;
+    }
+    at.column = envsamp__index(u * (float)(int)cdf->image_width + cdf->offset, cdf->width);
+    at.row = envsamp__index(v * cdf->row_scale + cdf->offset, cdf->height);
     return at;
 }
 
@@ -6412,7 +6334,8 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
                                       const float *u1, float *x, float *y, float *z, float *pdf)
 {
     uint32_t row[ENVSAMP__BATCH], across[ENVSAMP__BATCH], down[ENVSAMP__BATCH];
-    float dir[3][ENVSAMP__BATCH];
+    const uint16_t *guide[ENVSAMP__BATCH];
+    float dir[3][ENVSAMP__BATCH], density;
     envsamp__batch batch;
     size_t start;
     int i;
@@ -6428,22 +6351,20 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
             across[i] = envsamp__draw(u0[start + (size_t)i]);
             down[i] = envsamp__draw(u1[start + (size_t)i]);
             row[i] = envsamp__cdf_find_row(cdf, down[i]);
-            ENVSAMP__PREFETCH(ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i])
-                              + (across[i] >> (24 - cdf->guide_bits)));
+            guide[i] = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i])
+                     + (across[i] >> (24 - cdf->guide_bits));
+            ENVSAMP__PREFETCH(guide[i]);
         }
         for (i = 0; i < count; i++) {
-            const uint16_t *guide = ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, row[i]);
-            const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row[i])
-                                 + guide[across[i] >> (24 - cdf->guide_bits)];
+            const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row[i]) + *guide[i];
 
             ENVSAMP__PREFETCH(edge);
             ENVSAMP__PREFETCH(edge + ENVSAMP__WALK);
         }
         for (i = 0; i < count; i++) {
-            envsamp__cdf_place at = envsamp__cdf_place_of(cdf, row[i], across[i]);
+            envsamp__point p = envsamp__cdf_point(cdf, row[i], down[i], across[i], &density);
 
-            envsamp__batch_put(&batch, i, envsamp__cdf_point(cdf, at, across[i], down[i]),
-                               envsamp__cdf_density(cdf, at));
+            envsamp__batch_put(&batch, i, p, density);
         }
         envsamp__point_dirs(cdf->mapping, (count + 15) & 0x70, batch.at, dir[0], dir[1], dir[2]);
         ENVSAMP_MEMCPY(x + start, dir[0], bytes);
@@ -6529,10 +6450,9 @@ typedef struct envsamp__halftone {
     double mass;                /* of the cell */
     double *sum;                /* importance of every column of the strip, */
     int *lit_count;             /* and how many of its texels are above zero */
-    double *row[3];             /* errors that wait for texels of this row and the next two */
+    double *waiting;            /* errors for cells of this row of them and the next, in turns */
     int rows;                   /* of these, by the kernel; 0: all of an error goes ahead */
-    envsamp__tap tap[ENVSAMP__TAPS];
-    double share[ENVSAMP__TAPS];
+    const envsamp__tap *tap;    /* tap_count of them */
     int tap_count;
 } envsamp__halftone;
 
@@ -6562,32 +6482,13 @@ static double envsamp__spacing(uint32_t seed, int number)
 
 /* ---- importance ---- */
 
-static double envsamp__importance(const envsamp__pixels *map, int x, int y)
-{
-    double rgb[3], value = envsamp__texel_value(map->image, x, y, rgb);
-
-    return map->row_sr ? value * map->row_sr[y] : value;
-}
-
-static void envsamp__count_lit(const float *value, int count, int *lit)
-{
-    int i;
-
-    if (count == ENVSAMP__CHUNK)
-        for (i = 0; i < ENVSAMP__CHUNK; i++)
-            lit[i] += value[i] > 0.0f;
-    else
-        for (i = 0; i < count; i++)
-            lit[i] += value[i] > 0.0f;
-}
-
 /* Sums of columns between two rows; returns how many pixels are bad. */
 static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
 {
     const envsamp_image *image = h->map->image;
     float luminance[ENVSAMP__CHUNK];
     size_t bad = 0;
-    int x, y;
+    int x, y, i;
 
     ENVSAMP_MEMSET(h->sum, 0, (size_t)image->width * sizeof *h->sum);
     ENVSAMP_MEMSET(h->lit_count, 0, (size_t)image->width * sizeof *h->lit_count);
@@ -6599,25 +6500,13 @@ static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
 
             envsamp__add_floats(value, count, h->map->row_sr ? h->map->row_sr[y] : 1.0,
                                 h->sum + x);
-            if (h->desc->once)
-                envsamp__count_lit(value, count, h->lit_count + x);
+            for (i = 0; i < count && h->desc->once; i++)
+                h->lit_count[x + i] += value[i] > 0.0f;
         }
     return bad;
 }
 
 /* ---- choosing ---- */
-
-static void envsamp__take_texel(envsamp__halftone *h, int x, int y, double value)
-{
-    envsamp_texel *texel = &h->texels[h->chosen++];
-
-    texel->x = x;
-    texel->y = y;
-    texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
-    h->error -= h->quantum;
-    if (h->gap_unit > 0.0)
-        h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc->seed, h->chosen);
-}
 
 /* Whether `lit` texels are too few for the samples that are missing. */
 static int envsamp__is_short(const envsamp__halftone *h, int64_t lit)
@@ -6627,14 +6516,22 @@ static int envsamp__is_short(const envsamp__halftone *h, int64_t lit)
 
 static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
 {
-    double value = envsamp__importance(h->map, x, y);
+    double rgb[3], value = envsamp__texel_value(h->map->image, x, y, rgb);
 
     if (!(value > 0.0))
         return;
+    value *= h->map->row_sr ? h->map->row_sr[y] : 1.0;
     h->error += value;
     h->lit--;
     while (h->chosen < h->wanted && (h->error > h->threshold || envsamp__is_short(h, h->lit))) {
-        envsamp__take_texel(h, x, y, value);
+        envsamp_texel *texel = &h->texels[h->chosen++];
+
+        texel->x = x;
+        texel->y = y;
+        texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
+        h->error -= h->quantum;
+        if (h->gap_unit > 0.0)
+            h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc->seed, h->chosen);
         if (h->once)
             break;
     }
@@ -6710,54 +6607,33 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
                      + t * (double)b[k] / (double)(b[1] + b[2] + b[3]);
 }
 
-/* Taps and shares: with CELLS and for RANDOM there are none. */
-static void envsamp__set_kernel(envsamp__halftone *h)
+/* The errors that wait in the row of cells so many below this one. */
+static double *envsamp__waiting(const envsamp__halftone *h, int below)
 {
-    static const envsamp__tap taps[][ENVSAMP__TAPS] = {
-        { { 1, 0, 3 }, { 0, 1, 3 }, { 1, 1, 2 } },
-        { { 1, 0, 7 }, { -1, 1, 3 }, { 0, 1, 5 }, { 1, 1, 1 } },
-        { { 1, 0, 7 }, { 2, 0, 5 },
-          { -2, 1, 3 }, { -1, 1, 5 }, { 0, 1, 7 }, { 1, 1, 5 }, { 2, 1, 3 },
-          { -2, 2, 1 }, { -1, 2, 3 }, { 0, 2, 5 }, { 1, 2, 3 }, { 2, 2, 1 } },
-        { { 1, 0, 8 }, { 2, 0, 4 },
-          { -2, 1, 2 }, { -1, 1, 4 }, { 0, 1, 8 }, { 1, 1, 4 }, { 2, 1, 2 },
-          { -2, 2, 1 }, { -1, 2, 2 }, { 0, 2, 4 }, { 1, 2, 2 }, { 2, 2, 1 } },
-        { { 1, 0, 1 }, { -1, 1, 1 }, { 0, 1, 1 } }      /* by importance: see above */
-    };
-    double parts = 0.0;
-    int i;
-
-    if (h->desc->scan == ENVSAMP_SCAN_CELLS || h->desc->kernel == ENVSAMP_KERNEL_RANDOM)
-        return;
-    for (i = 0; i < ENVSAMP__TAPS && taps[h->desc->kernel][i].parts; i++) {
-        h->tap[i] = taps[h->desc->kernel][i];
-        parts += (double)h->tap[i].parts;
-    }
-    h->tap_count = i;
-    h->rows = 1 + h->tap[i - 1].below;
-    while (i-- > 0)
-        h->share[i] = (double)h->tap[i].parts / parts;
+    return h->waiting + (h->strip + below) % h->rows * h->across;
 }
 
 /* Sends the error of a texel on. Shares that would leave the map go to the others. */
 static void envsamp__diffuse(envsamp__halftone *h)
 {
-    double *to[ENVSAMP__TAPS], sum = 0.0, scale;
+    double share[ENVSAMP__TAPS], *to[ENVSAMP__TAPS], sum = 0.0, scale;
     int i;
 
+    for (i = 0; i < h->tap_count; i++)
+        share[i] = (double)h->tap[i].parts;
     if (h->desc->kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
-        envsamp__ostromoukhov_shares(h->mass / h->quantum, h->share);
+        envsamp__ostromoukhov_shares(h->mass / h->quantum, share);
     for (i = 0; i < h->tap_count; i++) {
         int x = h->cell + h->step * h->tap[i].across, inside;
 
         inside = x >= 0 && x < h->across && h->strip + h->tap[i].below < h->down;
-        to[i] = inside ? &h->row[h->tap[i].below][x] : NULL;
-        sum += inside ? h->share[i] : 0.0;
+        to[i] = inside ? envsamp__waiting(h, h->tap[i].below) + x : NULL;
+        sum += inside ? share[i] : 0.0;
     }
     scale = sum > 0.0 ? h->error / sum : 0.0;       /* after the last one nothing is left to do */
     for (i = 0; i < h->tap_count; i++)
         if (to[i])
-            *to[i] += scale * h->share[i];
+            *to[i] += scale * share[i];
     h->error = 0.0;
 }
 
@@ -6776,84 +6652,82 @@ static void envsamp__walk_strip(envsamp__halftone *h)
         h->cell = h->step > 0 ? i : h->across - 1 - i;
         h->x0 = envsamp__part_edge(h->cell, h->across, image->width);
         h->x1 = envsamp__part_edge(h->cell + 1, h->across, image->width);
-        h->error += h->rows ? h->row[0][h->cell] : 0.0;
+        h->error += h->rows ? envsamp__waiting(h, 0)[h->cell] : 0.0;
         for (h->mass = 0.0, x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
         envsamp__walk_cell(h);
         if (h->rows)
             envsamp__diffuse(h);
     }
+    if (h->rows)
+        ENVSAMP_MEMSET(envsamp__waiting(h, 0), 0, (size_t)h->across * sizeof(double));
 }
 
-/* Lays cells out, which with CELLS are about square in texels. RANDOM has one a strip. */
+/* Lays cells out, which with CELLS are about square in texels. RANDOM has one a strip. Neither has
+   taps. */
 static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone_desc *desc,
                                     const envsamp__pixels *map, envsamp__arena *arena)
 {
+    static const envsamp__tap taps[][ENVSAMP__TAPS] = {
+        { { 1, 0, 3 }, { 0, 1, 3 }, { 1, 1, 2 } },
+        { { 1, 0, 7 }, { -1, 1, 3 }, { 0, 1, 5 }, { 1, 1, 1 } },
+        { { 1, 0, 7 }, { 2, 0, 5 },
+          { -2, 1, 3 }, { -1, 1, 5 }, { 0, 1, 7 }, { 1, 1, 5 }, { 2, 1, 3 },
+          { -2, 2, 1 }, { -1, 2, 3 }, { 0, 2, 5 }, { 1, 2, 3 }, { 2, 2, 1 } },
+        { { 1, 0, 8 }, { 2, 0, 4 },
+          { -2, 1, 2 }, { -1, 1, 4 }, { 0, 1, 8 }, { 1, 1, 4 }, { 2, 1, 2 },
+          { -2, 2, 1 }, { -1, 2, 2 }, { 0, 2, 4 }, { 1, 2, 2 }, { 2, 2, 1 } },
+        { { 1, 0, 1 }, { -1, 1, 1 }, { 0, 1, 1 } }      /* by importance: see above */
+    };
     double width = (double)map->image->width, height = (double)map->image->height;
     double side = ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count));
-    int random = desc->kernel == ENVSAMP_KERNEL_RANDOM, i;
+    int random = desc->kernel == ENVSAMP_KERNEL_RANDOM;
 
     ENVSAMP_MEMSET(h, 0, sizeof *h);
     h->map = map;
     h->desc = desc;
     h->once = desc->once && !random;
-    envsamp__set_kernel(h);
+    if (desc->scan == ENVSAMP_SCAN_TEXELS && !random) {
+        h->tap = taps[desc->kernel];
+        while (h->tap_count < ENVSAMP__TAPS && h->tap[h->tap_count].parts)
+            h->tap_count++;
+        h->rows = 1 + h->tap[h->tap_count - 1].below;
+    }
     side = desc->scan == ENVSAMP_SCAN_TEXELS ? 1.0 : envsamp__max(side, 1.0);
     side = random ? 16.0 : side;
     h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
     h->down = envsamp__max_int((int)(height / side), 1);
-    for (i = 0; i < h->rows; i++)
-        h->row[i] = ENVSAMP__TAKE(double, arena, h->across);
+    h->waiting = ENVSAMP__TAKE(double, arena, h->rows * h->across);
     h->sum = ENVSAMP__TAKE(double, arena, map->image->width);
     h->lit_count = ENVSAMP__TAKE(int, arena, map->image->width);
 }
 
-/* Sets the error at the start and what is taken off it. RANDOM: its draws, in their order, are as
-   the sums of exponential spacings over the sum of one more [14]. */
-static void envsamp__set_start(envsamp__halftone *h)
-{
-    uint32_t seed = h->desc->seed;
-    double spacings = 0.0;
-    int i;
-
-    if (h->desc->kernel == ENVSAMP_KERNEL_RANDOM) {
-        for (i = 0; i <= h->wanted; i++)
-            spacings += envsamp__spacing(seed, i);
-        h->gap_unit = h->total / spacings;
-        h->quantum = h->threshold = h->gap_unit * envsamp__spacing(seed, 0);
-        return;
-    }
-    h->quantum = h->total / (double)h->wanted;
-    h->threshold = 0.5 * h->quantum;
-    h->error = seed ? (envsamp__random(seed, 0) - 0.5) * h->quantum : 0.0;
-    for (i = 0; i < h->rows; i++)
-        ENVSAMP_MEMSET(h->row[i], 0, (size_t)h->across * sizeof(double));
-}
-
 /* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero.
    Without, error that ends in black cells leaves some out, and rounding, in a map of denormals,
-   may leave all out: then the last texel chosen, or the first lit one of the last row, repeats. */
+   may leave all out: then the last texel chosen, or the first lit one of the last row, repeats.
+   RANDOM: its draws, in their order, are as the sums of exponential spacings over the sum of one
+   more [14]. */
 static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
                                    envsamp_texel *texels)
 {
-    int i, x, y;
+    int random = h->desc->kernel == ENVSAMP_KERNEL_RANDOM, x, y, i;
+    uint32_t seed = h->desc->seed;
+    double spacings = 0.0;
 
     h->texels = texels;
     h->total = total;
     h->lit = lit;
     h->wanted = wanted;
-    envsamp__set_start(h);
+    ENVSAMP_MEMSET(h->waiting, 0, (size_t)(h->rows * h->across) * sizeof(double));
+    for (i = 0; i <= wanted && random; i++)
+        spacings += envsamp__spacing(seed, i);
+    h->gap_unit = random ? total / spacings : 0.0;
+    h->quantum = random ? h->gap_unit * envsamp__spacing(seed, 0) : total / (double)wanted;
+    h->threshold = random ? h->quantum : 0.5 * h->quantum;
+    h->error = seed && !random ? (envsamp__random(seed, 0) - 0.5) * h->quantum : 0.0;
     for (h->strip = 0; h->strip < h->down && h->chosen < wanted; h->strip++) {
-        double *done = h->row[0];
-
         h->step = h->strip % 2 ? -1 : 1;
         envsamp__walk_strip(h);
-        for (i = 0; i + 1 < h->rows; i++)
-            h->row[i] = h->row[i + 1];
-        if (h->rows) {
-            ENVSAMP_MEMSET(done, 0, (size_t)h->across * sizeof(double));
-            h->row[i] = done;
-        }
     }
     h->threshold = -DBL_MAX;
     for (y = h->map->image->height - 1; y >= 0 && h->chosen == 0; y--)
@@ -8685,7 +8559,6 @@ typedef struct envsamp__lm {
     int stale;                  /* the Jacobian belongs to an earlier point */
     int fine;                   /* steps of differences are shorter than usual */
     int hidden;                 /* rounding hides the effect of a parameter */
-    int idle;                   /* a bit for each parameter that moves no residual */
     double ftol, xtol, gtol;
     double *params;             /* the best point so far */
     double *residuals, *trial;  /* unit f at params and at the point being tried */
@@ -8698,15 +8571,14 @@ typedef struct envsamp__lm {
     double step[ENVSAMP__LM_MAX_PARAMS];        /* z */
 } envsamp__lm;
 
-/* Four sums: the additions overlap, and rounding grows four times slower. */
 static double envsamp__lm_dot(const double *a, const double *b, int count)
 {
-    double sum[4] = { 0.0, 0.0, 0.0, 0.0 };
+    double sum = 0.0;
     int i;
 
     for (i = 0; i < count; i++)
-        sum[i & 3] += a[i] * b[i];
-    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+        sum += a[i] * b[i];
+    return sum;
 }
 
 /* The power of two, from 2^-1000 to 2^1000, that brings the largest of the numbers to 1 to 2;
@@ -8790,21 +8662,20 @@ static double envsamp__lm_difference(envsamp__lm *lm, int j, double scale, doubl
 /* Column j of J D^-1. A step of sqrt(epsilon) of a parameter's size balances truncation against
    rounding; but one near zero must still move the residuals by sqrt(epsilon) of their norm, or
    rounding in them swamps the difference. Steps ahead and back grow until one stands out from
-   rounding, and close in on what is not finite or far too much. If none does the parameter rests;
-   it is idle if no step moved a residual. */
+   rounding, and close in on what is not finite or far too much. If none does the parameter
+   rests. */
 static void envsamp__lm_column(envsamp__lm *lm, int j)
 {
     const double root = ENVSAMP_SQRT(DBL_EPSILON), fnorm = ENVSAMP_SQRT(lm->cost);
     const double scale = lm->scale[j], size = ENVSAMP__FABS(lm->params[j]);
     double h = size, low = DBL_MIN * root + DBL_EPSILON * size, wall = 0.0, factor = 65536.0;
-    int pass, moved = 0, passes = lm->idle >> j & 1 ? 2 : 26;
+    int pass, moved = 0;
 
     if (scale > 0.0 && h < 1.0)
         h = envsamp__max(h, fnorm < scale ? fnorm / scale : 1.0);
     h *= lm->fine ? root / 8192.0 : root;
     h = h > 0.0 ? envsamp__max(h, DBL_MIN) : root;
-    lm->idle &= ~(1 << j);
-    for (pass = 0; pass < passes && h > 1.001 * low; pass++) {
+    for (pass = 0; pass < 26 && h > 1.001 * low; pass++) {
         double change = envsamp__lm_difference(lm, j, scale, pass & 1 ? -h : h);
 
         if (change > 1.0)
@@ -8822,7 +8693,6 @@ static void envsamp__lm_column(envsamp__lm *lm, int j)
     ENVSAMP_MEMSET(lm->column[j], 0, (size_t)lm->m * sizeof(double));
     lm->scale[j] = scale;
     lm->hidden |= moved;
-    lm->idle |= moved ? 0 : 1 << j;
 }
 
 /* QR in place: the triangle on and above the diagonal, and Q^T rhs. A Householder reflection clears
@@ -8855,7 +8725,7 @@ static void envsamp__lm_triangle(double *const *column, int n, int m, double *rh
 static void envsamp__lm_linearise(envsamp__lm *lm)
 {
     double fnorm = ENVSAMP_SQRT(lm->cost);
-    int j;
+    int j, moving = 0;
 
     lm->stale = lm->hidden = 0;
     lm->cosine = 0.0;
@@ -8864,7 +8734,6 @@ static void envsamp__lm_linearise(envsamp__lm *lm)
         envsamp__lm_column(lm, j);
     if (lm->stopped)
         return;
-    lm->hidden |= lm->idle == (1 << lm->n) - 1;
     ENVSAMP_MEMCPY(lm->trial, lm->residuals, (size_t)lm->m * sizeof(double));
     envsamp__lm_triangle(lm->column, lm->n, lm->m, lm->trial);
     ENVSAMP_MEMCPY(lm->slope, lm->trial, (size_t)lm->n * sizeof(double));
@@ -8873,9 +8742,10 @@ static void envsamp__lm_linearise(envsamp__lm *lm)
         double along = ENVSAMP__FABS(envsamp__lm_dot(lm->column[j], lm->slope, j + 1));
 
         lm->cosine = envsamp__max(lm->cosine, norm > 0.0 ? along / norm / fnorm : 0.0);
+        moving |= norm > 0.0;
     }
     lm->stopped = lm->cosine <= lm->gtol;
-    lm->converged = lm->stopped && !lm->hidden;
+    lm->converged = lm->stopped && moving && !lm->hidden;
     if (lm->iterations == 0)
         lm->delta = envsamp__max(100.0 * envsamp__lm_scaled_norm(lm), fnorm);
 }
@@ -8992,7 +8862,7 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
                                       envsamp_lm_info *info)
 {
     envsamp_sizes sizes = { 0, envsamp_lm_scratch_bytes(desc) };
-    int i, tried = 0, limit;
+    int i, limit;
     envsamp_result result;
     envsamp__lm lm;
 
@@ -9027,10 +8897,6 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
             envsamp__lm_linearise(&lm);
         if (!lm.stopped)
             envsamp__lm_iterate(&lm);
-        if (lm.converged && lm.idle && lm.cost > 0.0 && !tried) {
-            tried = lm.stale = 1;       /* idle parameters are tried again before it ends */
-            lm.idle = lm.stopped = 0;
-        }
     }
     if (info) {
         info->iterations = lm.iterations;

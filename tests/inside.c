@@ -203,9 +203,8 @@ float inside_row_edge(const envsamp_cdf *cdf, uint32_t row)
 inside_texel inside_draw(const envsamp_cdf *cdf, float u0, float u1)
 {
     const uint32_t down = envsamp__draw(u1);
-    const envsamp__cdf_place at = envsamp__cdf_place_of(cdf, envsamp__cdf_find_row(cdf, down),
-                                                        envsamp__draw(u0));
-    const inside_texel texel = { at.column, at.row };
+    const uint32_t row = envsamp__cdf_find_row(cdf, down);
+    const inside_texel texel = { inside_search(cdf, row, row, envsamp__draw(u0)), row };
 
     return texel;
 }
@@ -228,7 +227,7 @@ float inside_texel_pdf(const envsamp_cdf *cdf, uint32_t column, uint32_t row)
 
 uint32_t inside_search(const envsamp_cdf *cdf, uint32_t row, uint32_t guide, uint32_t draw)
 {
-    return envsamp__cdf_find(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row), cdf->width,
+    return envsamp__cdf_find(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row),
                              ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, guide), cdf->guide_bits, draw);
 }
 

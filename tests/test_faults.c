@@ -659,11 +659,11 @@ static void test_damaged_cdf(void)
     opened += opens_with(&s, CDF_PLACE(s.cdf, edges_at), 1);
     opened += opens_with(&s, CDF_PLACE(s.cdf, edges_at) + 4 * WIDTH, UNIT - 1);
     opened += opens_with(&s, CDF_PLACE(s.cdf, edges_at) + 4 * 7, UNIT + 1);
-    opened += opens_with(&s, CDF_PLACE(s.cdf, rows_at) + 12, 0x7f800000u);
-    memcpy(&density, (const char *)s.table.buffer.data + CDF_PLACE(s.cdf, rows_at) + 12, 4);
+    opened += opens_with(&s, CDF_PLACE(s.cdf, rows_at) + 8, 0x7f800000u);
+    memcpy(&density, (const char *)s.table.buffer.data + CDF_PLACE(s.cdf, rows_at) + 8, 4);
     density *= 1.02f;                   /* of the first row: not that of its edges */
     memcpy(&word, &density, 4);
-    opened += opens_with(&s, CDF_PLACE(s.cdf, rows_at) + 12, word);
+    opened += opens_with(&s, CDF_PLACE(s.cdf, rows_at) + 8, word);
     lit = density > 0.0f;
     CHECK(whole && lit && !opened, "cdf: damaged tables with the right checksum: %d open", opened);
     CHECK(!opens_flipped(&s), "nor with the wrong one");

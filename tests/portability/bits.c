@@ -107,7 +107,7 @@ static void add_kd_table(const envsamp_kd *kd)
 
 static void add_cdf_table(const envsamp_cdf *cdf)
 {
-    bits_part parts[9];
+    bits_part parts[8];
 
     parts[0].end = offsetof(envsamp_cdf, checksum);
     parts[0].size = 4;
@@ -119,15 +119,13 @@ static void add_cdf_table(const envsamp_cdf *cdf)
     parts[3].size = 8;
     parts[4].end = offsetof(envsamp_cdf, rows_at);
     parts[4].size = 4;
-    parts[5].end = offsetof(envsamp_cdf, inverse_width);
+    parts[5].end = offsetof(envsamp_cdf, mis_compensation);
     parts[5].size = 8;
     parts[6].end = (size_t)cdf->row_guide_at;
     parts[6].size = 4;
-    parts[7].end = (size_t)cdf->edges_at;
+    parts[7].end = envsamp_cdf_bytes(cdf);
     parts[7].size = 2;
-    parts[8].end = envsamp_cdf_bytes(cdf);
-    parts[8].size = 4;
-    add_table(cdf, parts, 9);
+    add_table(cdf, parts, 8);
 }
 
 static float u0_of(int i) { return (float)((uint32_t)i * 2654435761u >> 8) / 16777216.0f; }
