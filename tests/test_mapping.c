@@ -918,11 +918,30 @@ static double *texel_masses(const sampler *s, const envsamp_image *map)
     return masses;
 }
 
+static int texel_at(const envsamp_image *map, double u, double v)
+{
+    const int x = (int)(u * (double)map->width), y = (int)(v * (double)map->height);
+
+    return (y < map->height ? y : map->height - 1) * map->width
+         + (x < map->width ? x : map->width - 1);
+}
+
+/* A direction, rounded to floats, may lie across the edge of its texel: a black one is not hit
+   where a lit one is within 2e-7. */
+static int across_edge(const envsamp_image *map, double u, double v)
+{
+    int texel = texel_at(map, u, v), i;
+
+    for (i = 0; i < 4 && !(map->pixels[texel] > 0.0f); i++)
+        texel = texel_at(map, fmax(u + (i == 0 ? 2e-7 : i == 1 ? -2e-7 : 0.0), 0.0),
+                         fmax(v + (i == 2 ? 2e-7 : i == 3 ? -2e-7 : 0.0), 0.0));
+    return texel;
+}
+
 /* The texel of a direction, by a sampler's fault elsewhere. */
 static int hit_texel(const envsamp_image *map, const float dir[3], fault wrong)
 {
     double u, v, kept;
-    int x, y;
 
     point_of(map->mapping, dir, &u, &v);
     if (wrong == HALF_TEXEL)
@@ -937,11 +956,7 @@ static int hit_texel(const envsamp_image *map, const float dir[3], fault wrong)
         u = 0.5 * (1.0 + copysign(fabs(2.0 * v - 1.0), u - 0.5));
         v = 0.5 * (1.0 + copysign(kept, v - 0.5));
     }
-    x = (int)(u * (double)map->width);
-    y = (int)(v * (double)map->height);
-    x = x < map->width ? x : map->width - 1;
-    y = y < map->height ? y : map->height - 1;
-    return y * map->width + x;
+    return wrong ? texel_at(map, u, v) : across_edge(map, u, v);
 }
 
 /* The map that the table is made of: without solid angle where the sine is dropped. */
