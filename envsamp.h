@@ -1514,22 +1514,39 @@ static const float *envsamp__read_pixels(const float *from, int channels, int co
     return mended;
 }
 
+#ifdef ENVSAMP__SSE
+/* envsamp_luminance of four pixels: r0 g0 b0 r1, g1 b1 r2 g2, b2 r3 g3 b3. */
+static inline void envsamp__luminance_4(const float *rgb, float *luminance)
+{
+    __m128 a = _mm_loadu_ps(rgb), b = _mm_loadu_ps(rgb + 4), c = _mm_loadu_ps(rgb + 8);
+    __m128 ab = _mm_shuffle_ps(a, b, 0x4e), bc = _mm_shuffle_ps(b, c, 0x4e);
+    __m128 red = _mm_shuffle_ps(a, bc, 0xcc);
+    __m128 green = _mm_shuffle_ps(_mm_shuffle_ps(a, ab, 0xa5), _mm_shuffle_ps(bc, c, 0xa5), 0x88);
+    __m128 blue = _mm_shuffle_ps(ab, _mm_shuffle_ps(bc, c, 0xfa), 0x8c);
+
+    red = _mm_mul_ps(red, _mm_set1_ps(0.2126f));
+    red = _mm_add_ps(red, _mm_mul_ps(green, _mm_set1_ps(0.7152f)));
+    red = _mm_add_ps(red, _mm_mul_ps(blue, _mm_set1_ps(0.0722f)));
+    _mm_storeu_ps(luminance, red);
+}
+#endif
+
 /* The same of their luminance. Its weights sum to 1 in floats: that of finite pixels is finite. */
 static const float *envsamp__read_luminance(const float *from, int channels, int count,
                                             float *luminance, size_t *bad)
 {
     float mended[4 * ENVSAMP__CHUNK];
-    int i;
+    int i = 0;
 
     if (channels == 1)
         return envsamp__read_pixels(from, 1, count, luminance, bad);
     from = envsamp__read_pixels(from, channels, count, mended, bad);
-    if (channels == 3 && count == ENVSAMP__CHUNK)   /* with constants a third faster */
-        for (i = 0; i < ENVSAMP__CHUNK; i++)
-            luminance[i] = envsamp_luminance(from + 3 * i);
-    else
-        for (i = 0; i < count; i++)
-            luminance[i] = envsamp_luminance(from + i * channels);
+#ifdef ENVSAMP__SSE
+    for (; channels == 3 && i + 4 <= count; i += 4)
+        envsamp__luminance_4(from + 3 * i, luminance + i);
+#endif
+    for (; i < count; i++)
+        luminance[i] = envsamp_luminance(from + i * channels);
     return luminance;
 }
 
@@ -1755,8 +1772,7 @@ ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const f
 
 /* ---- coordinates and solid angles ---- */
 
-typedef struct envsamp__cell { float mean, rms, peak; } envsamp__cell;
-typedef struct envsamp__moments { double sum, square; float peak; } envsamp__moments;
+typedef struct envsamp__moments { double sum, square; } envsamp__moments;
 
 /* Part of the map, in cells. */
 typedef struct envsamp__rect { double x0, y0, x1, y1; } envsamp__rect;
@@ -1768,7 +1784,7 @@ typedef struct envsamp__rect { double x0, y0, x1, y1; } envsamp__rect;
 typedef struct envsamp__row_part { double sr, at, spread, top, end; } envsamp__row_part;
 
 typedef struct envsamp__level {
-    envsamp__cell *cells;       /* of level 0 neither these nor */
+    float *mean, *deviation;    /* of each cell: of level 0 neither these nor */
     double *row_sr;             /* solid angle of a column one cell of level 0 wide, in each row */
     int width, height, shift;
 } envsamp__level;
@@ -1780,6 +1796,7 @@ typedef struct envsamp__map {
     envsamp__rect bounds;       /* the whole map, in cells; it begins at the offset */
     int width, height;          /* of level 0, in cells */
     float *knots;               /* bilinear: width + 1 by height + 1; else the cells' luminance */
+    float *highest;             /* maxima of cells of level 1 */
     size_t stride, knot_count;
     double *cap;                /* height + 1: polar angles of the row edges; -1: unknown */
     envsamp__row_part *rows;    /* height */
@@ -2220,7 +2237,7 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
  * all rectangles and edges below.
  *
  * Level 0 of the pyramid is the cells, level 1 has 4x4 of them, each further level cells twice as
- * wide. Each holds mean, root mean square and maximum in floats. Every sum over a block adds
+ * wide. Each holds mean and standard deviation in floats. Every sum over a block adds
  * positive numbers, in double: nothing cancels, unlike in differences of summed-area tables.
  * ========================================================================================== */
 
@@ -2242,13 +2259,17 @@ static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, env
     for (y = 0; y < map->height; y++)
         map->rows[y] = envsamp__part_of_row(map, y, envsamp__cell_edge(map, y, 1),
                                             envsamp__cell_edge(map, y + 1, 1), 0);
-    for (k = 1; k < map->level_count; k++)
-        for (y = 0; y < map->levels[k].height; y++) {
-            double top = envsamp__cell_edge(map, y << map->levels[k].shift, 1);
-            double end = envsamp__cell_edge(map, (y + 1) << map->levels[k].shift, 1);
+    for (k = 1; k < map->level_count; k++) {
+        envsamp__level *level = &map->levels[k];
+        size_t cells = (size_t)level->width * (size_t)level->height;
 
-            map->levels[k].row_sr[y] = envsamp__rows_sr(map, top, end);
-        }
+        for (y = 0; y < level->height; y++)
+            level->row_sr[y] = envsamp__rows_sr(map, envsamp__cell_edge(map, y << level->shift, 1),
+                                                envsamp__cell_edge(map, (y + 1) << level->shift,
+                                                                   1));
+        ENVSAMP_MEMSET(level->mean + cells, 0, 4 * sizeof(float));
+        ENVSAMP_MEMSET(level->deviation + cells, 0, 4 * sizeof(float));
+    }
     return source->compensation > 0.0f
         || (source->bilinear && source->image.mapping == ENVSAMP_OCTAHEDRAL);
 }
@@ -2300,63 +2321,37 @@ static inline const float *envsamp__line(const envsamp__map *map, int y)
     return map->knots + (size_t)y * map->stride;
 }
 
-/* Means and variances, in units of map->unit, of cells of part of a row, and maxima. */
-typedef struct envsamp__run {
-    float mean[ENVSAMP__CHUNK], variance[ENVSAMP__CHUNK], peak[ENVSAMP__CHUNK];
-} envsamp__run;
-
-/* Mean and variance of a cell from its knots: along a line through the row, the mean over its
-   height, and the rise, are linear. */
-static inline void envsamp__cell_mean(float a0, float a1, float c0, float c1, float at,
-                                      float spread, float *mean, float *variance)
+/* Mean and variance of a cell between knots a above and c below it, or of a part of it: `down` and
+   `tall` are mean and variance of the part along its height, `at` and `spread` along its width. The
+   mean over the height, and the rise, are linear along u. */
+static inline void envsamp__cell(float a0, float a1, float c0, float c1, float down, float tall,
+                                 float at, float spread, float *mean, float *variance)
 {
-    float r0 = c0 - a0, r1 = c1 - a1, m0 = a0 + at * r0, m1 = a1 + at * r1;
-    float dm = m1 - m0, dr = r1 - r0, rise = r0 + r1;
+    float r0 = c0 - a0, r1 = c1 - a1, m0 = a0 + down * r0, m1 = a1 + down * r1, dm = m1 - m0;
+    float dr = r1 - r0, rest = 1.0f - at, rise = rest * r0 + at * r1;
 
-    *mean = 0.5f * (m0 + m1);
-    *variance = 0.25f * spread * (rise * rise) + (1.0f / 12.0f) * (dm * dm + spread * (dr * dr));
+    *mean = rest * m0 + at * m1;
+    *variance = spread * (dm * dm) + tall * (rise * rise + spread * (dr * dr));
 }
 
-/* Maximum between knots a and c, of the part of a row. */
-static inline float envsamp__knot_peak(float a, float c, float top, float end)
+/* Scaled means and variances of four cells between knots `a` and `c` above and below a row. Where
+   the map is not bilinear, a[x] is cell x. */
+static inline void envsamp__cells(const envsamp__map *map, const float *a, const float *c,
+                                  float down, float tall, const float *at, const float *spread,
+                                  float *mean, float *variance)
 {
-    float upper = a + top * (c - a), lower = a + end * (c - a), high = a > c ? a : c;
-    float most = upper > lower ? upper : lower;
+    float scale = map->scale;
+    int x;
 
-    return most < high ? most : high;       /* else it may overflow */
-}
-
-/* Makes `count` cells, without maxima unless `peaks` is nonzero. Knots above and below the row
-   stand at `a` and `c`; of a map that is not bilinear a[x] is cell x. Floats, so that four are
-   worked on at once, and some cells too many, up to a multiple of four. */
-static void envsamp__cells(const envsamp__map *map, const float *a, const float *c,
-                           const envsamp__row_part *part, int count, int peaks, envsamp__run *run)
-{
-    float scale = map->scale, at = (float)part->at, spread = (float)part->spread;
-    float top = (float)part->top, end = (float)part->end, mean[4], variance[4], peak[4];
-    int b = map->bilinear, i, x;
-
-    for (i = 0; i < count && !b; i += 4)
-        for (x = i; x < i + 4; x++) {
-            run->mean[x] = scale * a[x];
-            run->variance[x] = 0.0f;
-        }
-    for (i = 0; i < count && b; i += 4) {
+    if (map->bilinear)
         for (x = 0; x < 4; x++)
-            envsamp__cell_mean(scale * a[i + x], scale * a[i + x + 1], scale * c[i + x],
-                               scale * c[i + x + 1], at, spread, &mean[x], &variance[x]);
-        ENVSAMP_MEMCPY(run->mean + i, mean, sizeof mean);
-        ENVSAMP_MEMCPY(run->variance + i, variance, sizeof variance);
-    }
-    for (i = 0; i < count && peaks; i += 4) {
+            envsamp__cell(scale * a[x], scale * a[x + 1], scale * c[x], scale * c[x + 1], down,
+                          tall, at[x], spread[x], &mean[x], &variance[x]);
+    else
         for (x = 0; x < 4; x++) {
-            float left = envsamp__knot_peak(a[i + x], c[i + x], top, end);
-            float right = envsamp__knot_peak(a[i + x + b], c[i + x + b], top, end);
-
-            peak[x] = left > right ? left : right;
+            mean[x] = scale * a[x];
+            variance[x] = 0.0f;
         }
-        ENVSAMP_MEMCPY(run->peak + i, peak, sizeof peak);
-    }
 }
 
 #define ENVSAMP__SPLIT_CELLS ENVSAMP__TOP   /* read for one split; others: bench/experiments.md */
@@ -2366,8 +2361,23 @@ typedef struct envsamp__profile {
     double sum[ENVSAMP__SPLIT_CELLS + 4], square[ENVSAMP__SPLIT_CELLS + 4];
     double weight[ENVSAMP__SPLIT_CELLS + 4];    /* width of a column; solid angle of a row's part
                                                    one cell of level 0 wide */
-    float peak[ENVSAMP__SPLIT_CELLS + 4];
 } envsamp__profile;
+
+/* The value at a point. */
+static double envsamp__value_at(const envsamp__map *map, double x, double y)
+{
+    const float *a = envsamp__line(map, (int)y) + (int)x, *c = a + map->stride;
+    double left = envsamp__cell_edge(map, (int)x, 0), top = envsamp__cell_edge(map, (int)y, 1);
+    double across, down, upper, lower;
+
+    if (!map->bilinear)
+        return (double)a[0];
+    across = (x - left) / (envsamp__cell_edge(map, (int)x + 1, 0) - left);
+    down = (y - top) / (envsamp__cell_edge(map, (int)y + 1, 1) - top);
+    upper = (double)a[0] + across * ((double)a[1] - (double)a[0]);
+    lower = (double)c[0] + across * ((double)c[1] - (double)c[0]);
+    return upper + down * (lower - upper);
+}
 
 /* ---- the pyramid ---- */
 
@@ -2378,35 +2388,15 @@ static inline double envsamp__columns(const envsamp__map *map, const envsamp__le
          - envsamp__cell_edge(map, x << level->shift, 0);
 }
 
-/* Sets the scale of floats that are squared: from `peak`, the maximum of what is read, about 2^60,
-   so that squares neither overflow nor, of what counts beside it, vanish. */
-static void envsamp__set_scale(envsamp__map *map, float peak)
+/* Sets the scale of floats that are squared: it makes the maximum of what was read about 2^60, so
+   that squares neither overflow nor, of what counts beside it, vanish. */
+static void envsamp__set_scale(envsamp__map *map)
 {
-    uint32_t exponent = 314 - (envsamp__float_bits(peak) >> 23);
+    uint32_t exponent = 314 - (envsamp__float_bits(map->peak) >> 23);
 
     exponent = exponent < 227 ? exponent : 227;
     map->scale = envsamp__bits_float(exponent << 23);
     map->unit = 1.0 / (double)map->scale;
-}
-
-/* Maxima of `count` knots or texels, the first at `line`, over some lines; sets the scale. */
-static void envsamp__strip_peaks(envsamp__map *map, const float *line, int lines, int count,
-                                 float *peak)
-{
-    float highest = 0.0f;
-    int i, x;
-
-    ENVSAMP_MEMCPY(peak, line, (size_t)((count + 3) & ~3) * sizeof(float));
-    for (; lines > 1; lines--) {
-        line += map->stride;
-        for (i = 0; i < count; i += 4)
-            for (x = i; x < i + 4; x++)
-                peak[x] = peak[x] > line[x] ? peak[x] : line[x];
-    }
-    for (x = 0; x < count; x++)
-        highest = peak[x] > highest ? peak[x] : highest;
-    map->peak = highest > map->peak ? highest : map->peak;
-    envsamp__set_scale(map, highest);
 }
 
 /* One row of level-1 cells, from sums in floats. Even cells keep none of the variance that rounding
@@ -2414,84 +2404,97 @@ static void envsamp__strip_peaks(envsamp__map *map, const float *line, int lines
 static void envsamp__cell_row(envsamp__map *map, int cell_y)
 {
     envsamp__level *level = &map->levels[1];
-    envsamp__cell *cell = level->cells + (size_t)cell_y * (size_t)level->width;
-    int y0 = cell_y * 4, rows = envsamp__min(4, map->height - y0), x0, y, x, i;
+    size_t cell = (size_t)cell_y * (size_t)level->width;
+    int y0 = cell_y * 4, rows = envsamp__min(4, map->height - y0), b = map->bilinear, x0, y, x, i;
+    int even;
 
     for (x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
-        int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0), last = x0 + count == map->width;
-        float peak[ENVSAMP__CHUNK + 4];
-        envsamp__run run;
-        float sum[ENVSAMP__CHUNK] = { 0.0f }, square[ENVSAMP__CHUNK] = { 0.0f };
+        const float at[4] = { 0.5f, 0.5f, 0.5f, 0.5f }, third = 1.0f / 12.0f;
+        const float spread[4] = { third, third, third, third };
+        int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
+        float sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK], peak[ENVSAMP__CHUNK + 1];
 
-        envsamp__strip_peaks(map, envsamp__line(map, y0) + x0, rows + map->bilinear,
-                             count + map->bilinear, peak);
+        for (x = 0; x < ENVSAMP__CHUNK; x++)
+            sum[x] = square[x] = peak[x] = 0.0f;
+        peak[count] = 0.0f;
         for (y = y0; y < y0 + rows; y++) {
             const envsamp__row_part *part = &map->rows[y];
             float weight = (float)(part->sr / level->row_sr[cell_y]);
+            float down = (float)part->at, tall = (float)part->spread;
+            const float *a = envsamp__line(map, y) + x0, *c = envsamp__line(map, y + b) + x0;
 
-            envsamp__cells(map, envsamp__line(map, y) + x0, envsamp__line(map, y + 1) + x0, part,
-                           count, 0, &run);
-            for (i = 0; i < count; i += 4)
-                for (x = i; x < i + 4; x++) {
-                    sum[x] += weight * run.mean[x];
-                    square[x] += weight * (run.mean[x] * run.mean[x] + run.variance[x]);
-                }
-        }
-        for (x = count; x % 4; x++)
-            sum[x] = square[x] = 0.0f;
-        if (map->bilinear && x0 == 0) {
-            sum[0] *= 0.5f;
-            square[0] *= 0.5f;
-        }
-        if (map->bilinear && last) {
-            sum[count - 1] *= 0.5f;
-            square[count - 1] *= 0.5f;
+            for (x = 0; x < count; x += 4, a += 4, c += 4) {
+                float mean[4], variance[4], most[4];
+
+                envsamp__cells(map, a, c, down, tall, at, spread, mean, variance);
+                for (i = 0; i < 4; i++)
+                    sum[x + i] += weight * mean[i];
+                for (i = 0; i < 4; i++)
+                    square[x + i] += weight * (mean[i] * mean[i] + variance[i]);
+                for (i = 0; i < 4; i++)
+                    most[i] = a[i] > c[i] ? a[i] : c[i];
+                for (i = 0; i < 4; i++)
+                    peak[x + i] = most[i] > peak[x + i] ? most[i] : peak[x + i];
+            }
+            a = envsamp__line(map, y) + x0 + count;
+            c = envsamp__line(map, y + b) + x0 + count;
+            peak[count] = *a > peak[count] ? *a : peak[count];
+            peak[count] = *c > peak[count] ? *c : peak[count];
         }
         for (x = 0; x < count; x += 4, cell++) {
-            int at_border = x0 + x == 0 || (last && x + 4 >= count);
-            float inverse = !at_border ? 0.25f
-                          : (float)(1.0 / envsamp__columns(map, level, (x0 + x) / 4));
+            float *s = sum + x, *q = square + x, inverse = 0.25f, mean, variance, most = peak[x];
 
-            cell->peak = peak[x];
-            for (i = x + 1; i < envsamp__min(x + 4, count) + map->bilinear; i++)
-                cell->peak = peak[i] > cell->peak ? peak[i] : cell->peak;
-            cell->mean = (float)map->unit * inverse
-                       * ((sum[x] + sum[x + 1]) + (sum[x + 2] + sum[x + 3]));
-            cell->rms = (float)map->unit
-                      * ENVSAMP_SQRTF(inverse * ((square[x] + square[x + 1])
-                                                 + (square[x + 2] + square[x + 3])));
-            if (cell->mean > cell->peak * (1.0f - 5e-7f))
-                cell->mean = cell->rms = cell->peak;
-            else
-                cell->rms = cell->rms > cell->mean ? cell->rms : cell->mean;
+            if (x0 + x == 0 || x0 + x + 4 >= map->width) {
+                inverse = (float)(1.0 / envsamp__columns(map, level, (x0 + x) / 4));
+                for (i = 0; i < 4; i++) {
+                    float width = (float)envsamp__columns(map, &map->levels[0], x0 + x + i);
+
+                    s[i] = width > 0.0f ? width * s[i] : 0.0f;
+                    q[i] = width > 0.0f ? width * q[i] : 0.0f;
+                }
+            }
+            mean = inverse * ((s[0] + s[1]) + (s[2] + s[3]));
+            variance = inverse * ((q[0] + q[1]) + (q[2] + q[3])) - mean * mean;
+            mean *= (float)map->unit;
+            for (i = 1; i < envsamp__min(4, count - x) + b; i++)
+                most = peak[x + i] > most ? peak[x + i] : most;
+            even = mean > most * (1.0f - 5e-7f);
+            map->highest[cell] = most;
+            level->mean[cell] = even ? most : mean;
+            level->deviation[cell] = even || variance < 0.0f ? 0.0f
+                                   : (float)map->unit * ENVSAMP_SQRTF(variance);
         }
     }
 }
 
 /* One cell from the four below it; at the right and lower edge a part may be narrower, or not be
    there, and then weighs nothing. */
-static envsamp__cell envsamp__merge_cells(const envsamp__map *map, const envsamp__level *below,
-                                          int x, int y)
+static void envsamp__merge_cells(const envsamp__map *map, int k, int x, int y)
 {
-    int has_right = 2 * x + 1 < below->width, has_lower = 2 * y + 1 < below->height;
-    const envsamp__cell *a = below->cells + (size_t)(2 * y) * (size_t)below->width + 2 * x;
-    const envsamp__cell *b = a + has_right, *c = a + (has_lower ? below->width : 0);
-    const envsamp__cell *d = c + has_right;
-    double left = envsamp__columns(map, below, 2 * x);
-    double right = has_right ? envsamp__columns(map, below, 2 * x + 1) : 0.0;
-    double upper = below->row_sr[2 * y], lower = has_lower ? below->row_sr[2 * y + 1] : 0.0;
-    double inverse = 1.0 / ((left + right) * (upper + lower));
-    double am = (double)a->mean, bm = (double)b->mean, cm = (double)c->mean, dm = (double)d->mean;
-    double ar = (double)a->rms, br = (double)b->rms, cr = (double)c->rms, dr = (double)d->rms;
-    float ab = a->peak > b->peak ? a->peak : b->peak, cd = c->peak > d->peak ? c->peak : d->peak;
-    envsamp__cell cell;
+    const envsamp__level *below = &map->levels[k - 1], *level = below + 1;
+    size_t cell = (size_t)y * (size_t)level->width + (size_t)x;
+    double weight = 0.0, sum = 0.0, square = 0.0, mean, deviation;
+    double size = (double)(1 << below->shift);
+    int i;
 
-    cell.mean = (float)((upper * (left * am + right * bm) + lower * (left * cm + right * dm))
-                        * inverse);
-    cell.rms = (float)ENVSAMP_SQRT((upper * (left * ar * ar + right * br * br)
-                                    + lower * (left * cr * cr + right * dr * dr)) * inverse);
-    cell.peak = ab > cd ? ab : cd;
-    return cell;
+    for (i = 0; i < 4; i++) {
+        int from_x = 2 * x + (i & 1), from_y = 2 * y + (i >> 1);
+        size_t from = (size_t)from_y * (size_t)below->width + (size_t)from_x;
+        double sr;
+
+        if (from_x >= below->width || from_y >= below->height)
+            continue;
+        sr = below->row_sr[from_y] * (from_x > 0 && from_x + 1 < below->width
+                                      ? size : envsamp__columns(map, below, from_x));
+        mean = (double)below->mean[from];
+        deviation = (double)below->deviation[from];
+        weight += sr;
+        sum += sr * mean;
+        square += sr * (mean * mean + deviation * deviation);
+    }
+    mean = sum / weight;
+    level->mean[cell] = (float)mean;
+    level->deviation[cell] = (float)ENVSAMP_SQRT(envsamp__max(square / weight - mean * mean, 0.0));
 }
 
 /* Reads a row of texels, adds its light, and completes its line of knots, and with the first and
@@ -2502,15 +2505,26 @@ static envsamp_result envsamp__map_line(envsamp__map *map, envsamp__source *sour
     const float *texel = line + map->bilinear;
     envsamp_result result = envsamp__source_row(source, y, line + map->bilinear);
     double sum[4] = { 0.0 };            /* so that one addition need not wait for the last */
+    float peak[4];
     int x, i;
 
     if (result != ENVSAMP_OK)
         return result;
-    for (x = 0; x + 4 <= map->image_width; x += 4)
+    for (i = 0; i < 4; i++)
+        peak[i] = y > 0 ? map->peak : source->brightest;    /* a fold mixes rows */
+    for (x = 0; x + 4 <= map->image_width; x += 4) {
         for (i = 0; i < 4; i++)
             sum[i] += (double)texel[x + i];
-    for (; x < map->image_width; x++)
+        for (i = 0; i < 4; i++)
+            peak[i] = texel[x + i] > peak[i] ? texel[x + i] : peak[i];
+    }
+    for (; x < map->image_width; x++) {
         sum[0] += (double)texel[x];
+        peak[0] = texel[x] > peak[0] ? texel[x] : peak[0];
+    }
+    for (i = 0; i < 4; i++)
+        map->peak = peak[i] > map->peak ? peak[i] : map->peak;
+    envsamp__set_scale(map);
     map->integral += ((sum[0] + sum[1]) + (sum[2] + sum[3])) * envsamp__texel_sr(map, y);
     if (map->bilinear) {
         envsamp__end_line(source, y, line);
@@ -2533,7 +2547,6 @@ static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *sourc
         return result;
     for (; cell_y * 4 < rows && (cell_y * 4 + 4 <= rows || last); cell_y++)
         envsamp__cell_row(map, cell_y);
-    envsamp__set_scale(map, map->peak);
     return ENVSAMP_OK;
 }
 
@@ -2543,6 +2556,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
                                uint64_t lines, envsamp__arena *arena)
 {
     double offset = bilinear ? 0.5 : 0.0;
+    uint64_t cells;
     int k = 0;
 
     map->mapping = image->mapping;
@@ -2565,8 +2579,10 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
         level->width = (map->width + (1 << level->shift) - 1) >> level->shift;
         level->height = (map->height + (1 << level->shift) - 1) >> level->shift;
         level->row_sr = k ? ENVSAMP__TAKE(double, arena, level->height) : NULL;
-        level->cells = k ? ENVSAMP__TAKE(envsamp__cell, arena, (uint64_t)level->width
-                                                               * (uint64_t)level->height) : NULL;
+        cells = k ? (uint64_t)level->width * (uint64_t)level->height : 0;
+        level->mean = ENVSAMP__TAKE(float, arena, cells + 4);
+        level->deviation = ENVSAMP__TAKE(float, arena, cells + 4);
+        map->highest = k == 1 ? ENVSAMP__TAKE(float, arena, cells) : map->highest;
         map->level_count = k + 1;
         if (k > 0 && (int64_t)level->width * level->height <= ENVSAMP__TOP)
             break;
@@ -2590,15 +2606,14 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
  *
  * A split is searched in sums by column and by row, read at the finest level at which the block has
  * at most ENVSAMP__SPLIT_CELLS cells. In a bilinear map that may be below 0, of fractions of cells:
- * lamps of a few texels need blocks within cells. A cell of a coarse level that the block cuts is
- * read at finer levels if it is uneven, else its light is taken for uniform.
+ * lamps of a few texels need blocks within cells. The light of a cell of a coarse level that the
+ * block cuts is taken for even until all blocks stand.
  * ========================================================================================== */
 
 #define ENVSAMP__CUT_CELLS 512      /* most that are read at level 0 where coarser cells are cut */
 #define ENVSAMP__FLAT 1e-12         /* relative: below it a block is flat */
 #define ENVSAMP__GAIN_FLOOR 0.15    /* of its bound: least priority of a searched block, since two
                                        cuts may gain what one cannot */
-#define ENVSAMP__UNIFORM_SHARE (1.0 / 8)   /* of light or squares: error a cut cell may make */
 #define ENVSAMP__WARP_DEPTH 32      /* cuts below a tile, one inside the other */
 #define ENVSAMP__FINE_BITS 6        /* bilinear: the finest cells are 2^-6 of those of level 0 */
 
@@ -2714,6 +2729,15 @@ static envsamp__window envsamp__touched(const envsamp__map *map, int k, const en
     return w;
 }
 
+/* Whether a rectangle cuts cells of level k. */
+static int envsamp__is_cut(const envsamp__map *map, int k, const envsamp__rect *rect)
+{
+    envsamp__window w = envsamp__touched(map, k, rect, 0);
+    envsamp__window inner = envsamp__touched(map, k, rect, 1);
+
+    return ENVSAMP_MEMCMP(&inner, &w, sizeof w) != 0;
+}
+
 /* The part of row y of level k that lies in a rectangle; above level 0 only its solid angle. */
 static envsamp__row_part envsamp__level_row(const envsamp__map *map, int k, int y,
                                             const envsamp__rect *rect)
@@ -2738,208 +2762,137 @@ typedef struct envsamp__sums {
     envsamp__moments total;
 } envsamp__sums;
 
-static inline void envsamp__add_to(envsamp__moments *total, const envsamp__moments *m)
-{
-    total->sum += m->sum;
-    total->square += m->square;
-    total->peak = m->peak > total->peak ? m->peak : total->peak;
-}
+/* Some columns of cells of a level. Of those of a level k <= 0 that are cut, and of all below level
+   0: the column of level 0, and mean and variance of the part of it along u. */
+typedef struct envsamp__strip {
+    int k, x0, count, column[ENVSAMP__CHUNK + 4];
+    float at[ENVSAMP__CHUNK + 4], spread[ENVSAMP__CHUNK + 4];
+    double width[ENVSAMP__CHUNK + 4];   /* 0 beyond the last */
+} envsamp__strip;
 
-static inline void envsamp__add_to_bin(envsamp__profile *p, int bin, const envsamp__moments *m)
+static void envsamp__strip_begin(const envsamp__map *map, int k, int x0, int count,
+                                 const envsamp__rect *rect, envsamp__strip *strip)
 {
-    p->sum[bin] += m->sum;
-    p->square[bin] += m->square;
-    p->peak[bin] = m->peak > p->peak[bin] ? m->peak : p->peak[bin];
-}
+    double size = envsamp__cell_size(map, k);
+    int i;
 
-/* Adds a row of cells, or some of it, of which a column one cell of level 0 wide has `sr`. */
-static inline void envsamp__add_row(envsamp__sums *sums, int y, double sr,
-                                    const envsamp__moments *row)
-{
-    envsamp__add_to(&sums->total, row);
-    if (sums->rows) {
-        envsamp__add_to_bin(sums->rows, y - sums->y0, row);
-        sums->rows->weight[y - sums->y0] = sr;
+    strip->k = k;
+    strip->x0 = x0;
+    strip->count = count;
+    for (i = 0; i < ((count + 3) & ~3); i++) {
+        double low = envsamp__max((double)(x0 + i) * size, rect->x0);
+        double high = envsamp__min_double((double)(x0 + i + 1) * size, rect->x1), from, gap;
+
+        strip->width[i] = i < count ? high - low : 0.0;
+        strip->column[i] = i < count ? (int)low : 0;
+        strip->at[i] = 0.5f;
+        strip->spread[i] = 1.0f / 12.0f;
+        if (k > 0 || i >= count || high - low >= 1.0)
+            continue;
+        from = envsamp__cell_edge(map, strip->column[i], 0);
+        gap = envsamp__cell_edge(map, strip->column[i] + 1, 0) - from;
+        strip->at[i] = (float)((0.5 * (low + high) - from) / gap);
+        strip->spread[i] = (float)((high - low) / gap * (high - low) / gap / 12.0);
     }
 }
 
-/* Adds cells of a row, each `keep` times, 0 or 1; `sr` is the solid angle of one. */
-static inline void envsamp__add_run(const envsamp__map *map, const envsamp__run *run,
-                                    const float *keep, int count, double sr,
-                                    envsamp__profile *columns, int bin, envsamp__moments *row)
+/* Scaled means and variances of four cells of row y of a strip, the first its column i. */
+static inline void envsamp__strip_cells(const envsamp__map *map, const envsamp__strip *strip, int y,
+                                        int i, float down, float tall, float *mean,
+                                        float *variance)
 {
-    double scaled = sr * map->unit, unit = scaled * map->unit;
-    double sum[4] = { 0.0 }, square[4] = { 0.0 };
-    float high[4] = { 0.0f };
-    envsamp__moments part;
+    const envsamp__level *level = &map->levels[strip->k > 0 ? strip->k : 0];
+    size_t at = (size_t)y * (size_t)level->width + (size_t)(strip->x0 + i);
+    const float *a = envsamp__line(map, strip->k < 0 ? y >> -strip->k : y);
+    const float *c = a + (map->bilinear ? map->stride : 0);
+    float scale = map->scale;
+    int x;
+
+    if (strip->k == 0) {
+        envsamp__cells(map, a + strip->x0 + i, c + strip->x0 + i, down, tall, strip->at + i,
+                       strip->spread + i, mean, variance);
+    } else if (strip->k > 0) {
+        for (x = 0; x < 4; x++)
+            mean[x] = scale * level->mean[at + (size_t)x];
+        for (x = 0; x < 4; x++)
+            variance[x] = scale * level->deviation[at + (size_t)x];
+        for (x = 0; x < 4; x++)
+            variance[x] *= variance[x];
+    } else {
+        for (x = i; x < i + 4; x++, mean++, variance++) {
+            const float *above = a + strip->column[x], *below = c + strip->column[x];
+
+            envsamp__cell(scale * above[0], scale * above[1], scale * below[0], scale * below[1],
+                          down, tall, strip->at[x], strip->spread[x], mean, variance);
+        }
+    }
+}
+
+/* The moments of what of row y of a strip lies in `part`, which are also added at bin `bin` and on
+   of the columns, if they count. */
+static envsamp__moments envsamp__strip_row(const envsamp__map *map, const envsamp__strip *strip,
+                                           int y, const envsamp__row_part *part,
+                                           envsamp__profile *columns, int bin)
+{
+    double scaled = part->sr * map->unit, unit = map->unit, sum[4] = { 0.0 }, square[4] = { 0.0 };
+    float down = (float)part->at, tall = (float)part->spread;
+    envsamp__moments row;
     int i, x;
 
-    for (i = 0; i < count; i += 4) {
+    for (i = 0; i < strip->count; i += 4) {
+        float mean[4], variance[4];
         double m[4], v[4];
-        float top[4];
 
+        envsamp__strip_cells(map, strip, y, i, down, tall, mean, variance);
         for (x = 0; x < 4; x++) {
-            m[x] = (double)(run->mean[i + x] * keep[i + x]);
-            v[x] = unit * (m[x] * m[x] + (double)(run->variance[i + x] * keep[i + x]));
-            m[x] *= scaled;
+            double weight = scaled * strip->width[i + x];
+
+            m[x] = (double)mean[x];
+            v[x] = unit * weight * (m[x] * m[x] + (double)variance[x]);
+            m[x] *= weight;
             sum[x] += m[x];
             square[x] += v[x];
         }
-        for (x = 0; x < 4; x++) {
-            top[x] = run->peak[i + x] * keep[i + x];
-            high[x] = top[x] > high[x] ? top[x] : high[x];
-        }
         if (columns) {
             double *s = columns->sum + bin + i, *q = columns->square + bin + i;
-            float *p = columns->peak + bin + i;
 
             for (x = 0; x < 4; x++)
                 s[x] += m[x];
             for (x = 0; x < 4; x++)
                 q[x] += v[x];
-            for (x = 0; x < 4; x++)
-                p[x] = top[x] > p[x] ? top[x] : p[x];
         }
     }
-    part.sum = (sum[0] + sum[1]) + (sum[2] + sum[3]);
-    part.square = (square[0] + square[1]) + (square[2] + square[3]);
-    part.peak = high[0] > high[1] ? high[0] : high[1];
-    part.peak = high[2] > part.peak ? high[2] : part.peak;
-    part.peak = high[3] > part.peak ? high[3] : part.peak;
-    envsamp__add_to(row, &part);
+    row.sum = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+    row.square = (square[0] + square[1]) + (square[2] + square[3]);
+    return row;
 }
 
-/* A column of cells whose edges lie between knots: behind which, and how far. */
-typedef struct envsamp__cut_column {
-    int bin, knot[2];
-    float share[2];
-    double width;
-} envsamp__cut_column;
-
-/* Its cell in a row between lines of knots. */
-static envsamp__moments envsamp__cut_cell(const envsamp__map *map, const float *upper,
-                                          const float *lower, const envsamp__row_part *part,
-                                          const envsamp__cut_column *column)
-{
-    float top = (float)part->top, end = (float)part->end, a[2], c[2], mean, variance, peak[2];
-    double sr = part->sr * column->width * map->unit, wide;
-    int b = map->bilinear, i;
-    envsamp__moments m;
-
-    for (i = 0; i < 2; i++) {
-        const float *above = upper + column->knot[i], *below = lower + column->knot[i];
-        float high_a = above[0] > above[b] ? above[0] : above[b];
-        float high_c = below[0] > below[b] ? below[0] : below[b];
-
-        a[i] = above[0] + column->share[i] * (above[b] - above[0]);
-        c[i] = below[0] + column->share[i] * (below[b] - below[0]);
-        a[i] = a[i] < high_a ? a[i] : high_a;       /* else they may overflow */
-        c[i] = c[i] < high_c ? c[i] : high_c;
-        peak[i] = envsamp__knot_peak(a[i], c[i], top, end);
-    }
-    envsamp__cell_mean(map->scale * a[0], map->scale * a[b], map->scale * c[0], map->scale * c[b],
-                       (float)part->at, (float)part->spread, &mean, &variance);
-    wide = (double)mean;
-    m.sum = sr * wide;
-    m.square = sr * map->unit * (wide * wide + (double)variance);
-    m.peak = peak[0] > peak[b] ? peak[0] : peak[b];
-    return m;
-}
-
-/* Finds the columns of a window whose cells a rectangle cuts, at a level below 0 all. Returns how
-   many there are; `keep` is 1 for the others and 0 beyond. */
-static int envsamp__cut_columns(const envsamp__map *map, int k, const envsamp__window *w,
-                                const envsamp__rect *rect, envsamp__cut_column *cut, float *keep)
-{
-    double size = envsamp__cell_size(map, k);
-    int width = w->x1 - w->x0, count = 0, i, side;
-
-    for (i = 0; i < ((width + 3) & ~3); i++)
-        keep[i] = i < width ? 1.0f : 0.0f;
-    for (i = 0; i < width; i += k < 0 || width == 1 ? 1 : width - 1) {
-        const double edge[2] = { envsamp__max((double)(w->x0 + i) * size, rect->x0),
-                                 envsamp__min_double((double)(w->x0 + i + 1) * size, rect->x1) };
-
-        if (edge[1] - edge[0] >= 1.0)
-            continue;
-        keep[i] = 0.0f;
-        cut[count].bin = i;
-        cut[count].width = edge[1] - edge[0];
-        for (side = 0; side < 2; side++) {
-            int knot = (int)edge[side];
-            double from = envsamp__cell_edge(map, knot, 0);
-            double gap = envsamp__cell_edge(map, knot + 1, 0) - from;
-
-            cut[count].knot[side] = knot;
-            cut[count].share[side] = (float)(gap < 1.0 && gap > 0.0 ? (edge[side] - from) / gap
-                                                                    : edge[side] - from);
-        }
-        count++;
-    }
-    return count;
-}
-
-/* Adds what of cells of level k <= 0 lies in a rectangle, ENVSAMP__CHUNK columns at most. */
-static void envsamp__add_strip(const envsamp__map *map, int k, const envsamp__window *w,
-                               const envsamp__rect *rect, envsamp__sums *sums)
-{
-    envsamp__cut_column cut[ENVSAMP__CHUNK];
-    float keep[ENVSAMP__CHUNK];
-    int cut_count = envsamp__cut_columns(map, k, w, rect, cut, keep), count = w->x1 - w->x0, i, y;
-    int bin = w->x0 - sums->x0;
-    envsamp__run run;
-
-    for (y = w->y0; y < w->y1; y++) {
-        envsamp__row_part part = envsamp__level_row(map, k, y, rect);
-        const float *upper = envsamp__line(map, y >> -k);
-        const float *lower = upper + (map->bilinear ? map->stride : 0);
-        envsamp__moments row = { 0.0, 0.0, 0.0f };
-
-        if (cut_count < count) {
-            envsamp__cells(map, upper + w->x0, lower + w->x0, &part, count, 1, &run);
-            envsamp__add_run(map, &run, keep, count, part.sr, sums->columns, bin, &row);
-        }
-        for (i = 0; i < cut_count; i++) {
-            envsamp__moments m = envsamp__cut_cell(map, upper, lower, &part, &cut[i]);
-
-            envsamp__add_to(&row, &m);
-            if (sums->columns)
-                envsamp__add_to_bin(sums->columns, bin + cut[i].bin, &m);
-        }
-        envsamp__add_row(sums, y, part.sr, &row);
-    }
-}
-
-/* Adds cells of level k: above level 0 all of them in x, otherwise what lies in a rectangle. */
+/* Adds what of a window of cells of level k lies in a rectangle. */
 static void envsamp__add_cells(const envsamp__map *map, int k, const envsamp__window *w,
                                const envsamp__rect *rect, envsamp__sums *sums)
 {
-    const envsamp__level *level = &map->levels[k > 0 ? k : 0];
-    double size = envsamp__cell_size(map, k);
-    envsamp__window strip = *w;
+    envsamp__strip strip;
     int x, y;
 
-    for (x = w->x0; x < w->x1 && k <= 0; x += ENVSAMP__CHUNK) {
-        strip.x0 = x;
-        strip.x1 = envsamp__min(x + ENVSAMP__CHUNK, w->x1);
-        envsamp__add_strip(map, k, &strip, rect, sums);
-    }
-    for (y = w->y0; y < w->y1 && k > 0; y++) {
-        const envsamp__cell *cell = level->cells + (size_t)y * (size_t)level->width;
-        double row_sr = envsamp__level_row(map, k, y, rect).sr;
-        envsamp__moments row = { 0.0, 0.0, 0.0f };
+    for (x = w->x0; x < w->x1; x += ENVSAMP__CHUNK) {
+        envsamp__strip_begin(map, k, x, envsamp__min(ENVSAMP__CHUNK, w->x1 - x), rect, &strip);
+        if (sums->columns)
+            ENVSAMP_MEMCPY(sums->columns->weight + x - sums->x0, strip.width,
+                           (size_t)strip.count * sizeof *strip.width);
+        for (y = w->y0; y < w->y1; y++) {
+            envsamp__row_part part = k == 0 && y > w->y0 && y + 1 < w->y1
+                                   ? map->rows[y] : envsamp__level_row(map, k, y, rect);
+            envsamp__moments row = envsamp__strip_row(map, &strip, y, &part, sums->columns,
+                                                      x - sums->x0);
 
-        for (x = w->x0; x < w->x1; x++) {
-            double mean = (double)cell[x].mean, rms = (double)cell[x].rms;
-            double sr = row_sr * (x > 0 && x + 1 < level->width
-                                  ? size : envsamp__columns(map, level, x));
-            const envsamp__moments m = { sr * mean, sr * (rms * rms), cell[x].peak };
-
-            envsamp__add_to(&row, &m);
-            if (sums->columns)
-                envsamp__add_to_bin(sums->columns, x - sums->x0, &m);
+            sums->total.sum += row.sum;
+            sums->total.square += row.square;
+            if (sums->rows) {
+                sums->rows->sum[y - sums->y0] += row.sum;
+                sums->rows->square[y - sums->y0] += row.square;
+                sums->rows->weight[y - sums->y0] = part.sr;
+            }
         }
-        envsamp__add_row(sums, y, row_sr, &row);
     }
 }
 
@@ -2948,7 +2901,7 @@ static void envsamp__add_cells(const envsamp__map *map, int k, const envsamp__wi
 static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const envsamp__rect *rect)
 {
     envsamp__window done = { 0, 0, 0, 0 };      /* in cells of level 0 */
-    envsamp__sums sums = { NULL, NULL, 0, 0, { 0.0, 0.0, 0.0f } };
+    envsamp__sums sums = { NULL, NULL, 0, 0, { 0.0, 0.0 } };
     int k, i;
 
     for (k = map->level_count - 1; k >= 0; k--) {
@@ -2982,88 +2935,93 @@ static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const env
     return sums.total;
 }
 
-/* Moments of what of a cell of level k > 0 lies in a rectangle: in proportion to solid angle, which
-   is rough unless the cell is even, or exactly where that may be wrong by more than `least`. */
-static envsamp__moments envsamp__cell_part(const envsamp__map *map, int k, int x, int y,
-                                           double row_sr, const envsamp__rect *rect,
-                                           const envsamp__moments *least, int *rough)
+/* The maximum in a rectangle, at knots and where its edges lie between them, but no less than
+   `least`. */
+static double envsamp__rect_peak(const envsamp__map *map, const envsamp__rect *rect, double least)
 {
-    const envsamp__level *level = &map->levels[k];
-    const envsamp__cell *cell = level->cells + (size_t)y * (size_t)level->width + x;
-    double size = envsamp__cell_size(map, k), whole = level->row_sr[y] * size;
-    double mean = (double)cell->mean, square = (double)cell->rms * (double)cell->rms;
-    double variance = whole * (square - mean * mean), sr;
-    envsamp__rect r = { envsamp__max((double)x * size, rect->x0),
-                        envsamp__max((double)y * size, rect->y0),
-                        envsamp__min_double((double)(x + 1) * size, rect->x1),
-                        envsamp__min_double((double)(y + 1) * size, rect->y1) };
-    envsamp__moments m;
+    envsamp__window w = envsamp__touched(map, 1, rect, 0);
+    float highest = 0.0f;
+    int x, y;
 
-    if (variance > least->square || whole * variance > least->sum * least->sum)
-        return envsamp__rect_moments(map, &r);
-    sr = row_sr * (r.x1 - r.x0);
-    m.sum = sr * mean;
-    m.square = sr * square;
-    m.peak = cell->peak;
-    *rough |= cell->rms > cell->mean;
-    return m;
+    for (y = w.y0; y < w.y1; y++)
+        for (x = w.x0; x < w.x1; x++) {
+            float most = map->highest[(size_t)y * (size_t)map->levels[1].width + (size_t)x];
+
+            highest = most > highest ? most : highest;
+        }
+    if ((double)highest <= least)
+        return least;
+    w = envsamp__touched(map, 0, rect, 0);
+    for (y = w.y0; y < w.y1 + map->bilinear; y++)
+        for (x = w.x0; x < w.x1 + map->bilinear; x++) {
+            double at_x = envsamp__clamp((double)x, rect->x0, rect->x1);
+            double at_y = envsamp__clamp((double)y, rect->y0, rect->y1);
+
+            least = envsamp__max(least, envsamp__value_at(map, at_x, at_y));
+        }
+    return least;
 }
 
-/* Sums of the cells of level k in a rectangle by column and by row; either may be NULL, and what is
-   not has ENVSAMP__SPLIT_CELLS bins at most. Returns whether they are approximate. */
-static int envsamp__profile_rect(const envsamp__map *map, int k, const envsamp__rect *rect,
-                                 const envsamp__moments *least, envsamp__profile *columns,
-                                 envsamp__profile *rows)
+/* Sums of the cells of level k in a rectangle by column and by row, and of all. Either profile may
+   be NULL, and what is not has ENVSAMP__SPLIT_CELLS bins at most. Of a cell above level 0 that is
+   cut, a part counts in proportion to its solid angle. */
+static envsamp__moments envsamp__profile_rect(const envsamp__map *map, int k,
+                                              const envsamp__rect *rect,
+                                              envsamp__profile *columns, envsamp__profile *rows)
 {
     const envsamp__window w = envsamp__touched(map, k, rect, 0);
-    const envsamp__window inner = k > 0 ? envsamp__touched(map, k, rect, 1) : w;
-    envsamp__sums sums = { columns, rows, w.x0, w.y0, { 0.0, 0.0, 0.0f } };
+    envsamp__sums sums = { columns, rows, w.x0, w.y0, { 0.0, 0.0 } };
+    int i;
+
+    for (i = 0; columns && i < ((w.x1 - w.x0 + 3) & ~3); i++)
+        columns->sum[i] = columns->square[i] = 0.0;
+    for (i = 0; rows && i < w.y1 - w.y0; i++)
+        rows->sum[i] = rows->square[i] = 0.0;
+    envsamp__add_cells(map, k, &w, rect, &sums);
+    return sums.total;
+}
+
+/* Corrects such sums by column, or along axis 1 by row, for the cut cells that may make them wrong
+   by more than `least`. */
+static void envsamp__correct_profile(const envsamp__map *map, int k, const envsamp__rect *rect,
+                                     double least, int axis, envsamp__profile *profile)
+{
+    const envsamp__window w = envsamp__touched(map, k, rect, 0);
+    const envsamp__window inner = envsamp__touched(map, k, rect, 1);
+    const envsamp__level *level = &map->levels[k];
     double size = envsamp__cell_size(map, k);
-    int rough = 0, x, y;
+    int x, y;
 
-    for (x = 0; columns && x < ((w.x1 - w.x0 + 3) & ~3); x++) {
-        columns->sum[x] = columns->square[x] = 0.0;
-        columns->peak[x] = 0.0f;
-        columns->weight[x] = envsamp__min_double((double)(w.x0 + x + 1) * size, rect->x1)
-                           - envsamp__max((double)(w.x0 + x) * size, rect->x0);
-    }
-    for (y = 0; rows && y < w.y1 - w.y0; y++) {
-        rows->sum[y] = rows->square[y] = 0.0;
-        rows->peak[y] = 0.0f;
-    }
-    envsamp__add_cells(map, k, &inner, rect, &sums);
-    for (y = w.y0; y < w.y1; y++) {
-        int whole = y >= inner.y0 && y < inner.y1 && inner.x0 < inner.x1;
-        envsamp__row_part part;
-
-        if (whole && inner.x0 == w.x0 && inner.x1 == w.x1)
-            continue;
-        part = envsamp__level_row(map, k, y, rect);
+    for (y = w.y0; y < w.y1; y++)
         for (x = w.x0; x < w.x1; x++) {
+            size_t cell = (size_t)y * (size_t)level->width + (size_t)x;
+            double mean = (double)level->mean[cell], deviation = (double)level->deviation[cell], sr;
+            int bin = axis ? y - w.y0 : x - w.x0;
             envsamp__moments m;
+            envsamp__rect r;
 
-            if (whole && x == inner.x0) {
-                x = inner.x1 - 1;
+            if ((x >= inner.x0 && x < inner.x1 && y >= inner.y0 && y < inner.y1)
+                || level->row_sr[y] * size * deviation <= least)
                 continue;
-            }
-            m = envsamp__cell_part(map, k, x, y, part.sr, rect, least, &rough);
-            envsamp__add_row(&sums, y, part.sr, &m);
-            if (columns)
-                envsamp__add_to_bin(columns, x - w.x0, &m);
+            r.x0 = envsamp__max((double)x * size, rect->x0);
+            r.y0 = envsamp__max((double)y * size, rect->y0);
+            r.x1 = envsamp__min_double((double)(x + 1) * size, rect->x1);
+            r.y1 = envsamp__min_double((double)(y + 1) * size, rect->y1);
+            m = envsamp__rect_moments(map, &r);
+            sr = envsamp__rows_sr(map, r.y0, r.y1) * (r.x1 - r.x0);
+            profile->sum[bin] += m.sum - sr * mean;
+            profile->square[bin] += m.square - sr * (mean * mean + deviation * deviation);
         }
-    }
-    return rough;
 }
 
 static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int from, int to)
 {
-    envsamp__moments m = { 0.0, 0.0, 0.0f };
+    envsamp__moments m = { 0.0, 0.0 };
     int i;
 
     for (i = from; i < to; i++) {
         m.sum += p->sum[i];
         m.square += p->square[i];
-        m.peak = p->peak[i] > m.peak ? p->peak[i] : m.peak;
     }
     return m;
 }
@@ -3077,7 +3035,7 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
     double sr = envsamp__block_sr(b), q = envsamp__q(sr, b->whole.square);
     double sse = b->whole.square - b->whole.sum * b->whole.sum / sr;
     const envsamp__map *map = tree->map;
-    float low = b->whole.peak;
+    float low = FLT_MAX, high = 0.0f;
     int x, y;
 
     sse = sse > ENVSAMP__FLAT * b->whole.square ? sse : 0.0;
@@ -3088,9 +3046,13 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
     case ENVSAMP_KD_VARIANCE: return sse / sr;
     case ENVSAMP_KD_RANGE:
         for (y = (int)b->rect.y0; (double)(y - map->bilinear) < b->rect.y1; y++)
-            for (x = (int)b->rect.x0; (double)(x - map->bilinear) < b->rect.x1; x++)
-                low = envsamp__line(map, y)[x] < low ? envsamp__line(map, y)[x] : low;
-        return (double)b->whole.peak - (double)low;
+            for (x = (int)b->rect.x0; (double)(x - map->bilinear) < b->rect.x1; x++) {
+                float knot = envsamp__line(map, y)[x];
+
+                low = knot < low ? knot : low;
+                high = knot > high ? knot : high;
+            }
+        return (double)high - (double)low;
     default: return q - b->whole.sum > ENVSAMP__FLAT * q ? q - b->whole.sum : 0.0;
     }
 }
@@ -3099,7 +3061,7 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
 static int envsamp__split_level(const envsamp__tree *tree, const envsamp__rect *rect)
 {
     const envsamp__map *map = tree->map;
-    envsamp__window fine = envsamp__touched(map, 0, rect, 0), w, inner;
+    envsamp__window fine = envsamp__touched(map, 0, rect, 0), w;
     int width = fine.x1 - fine.x0, height = fine.y1 - fine.y0;
     int k = (int64_t)width * height > ENVSAMP__SPLIT_CELLS ? 1 : -tree->fine_bits;
 
@@ -3112,25 +3074,7 @@ static int envsamp__split_level(const envsamp__tree *tree, const envsamp__rect *
     if (k <= 0 || envsamp__max_int(width, height) > ENVSAMP__SPLIT_CELLS
         || (int64_t)width * height > ENVSAMP__CUT_CELLS)
         return k;
-    inner = envsamp__touched(map, k, rect, 1);
-    return ENVSAMP_MEMCMP(&inner, &w, sizeof w) ? 0 : k;
-}
-
-/* Asks for the knots or cells that a search of a rectangle will read. */
-static void envsamp__prefetch(const envsamp__tree *tree, const envsamp__rect *rect)
-{
-    const envsamp__map *map = tree->map;
-    int k = envsamp__split_level(tree, rect);
-    envsamp__window w = envsamp__touched(map, k > 0 ? k : 0, rect, 0);
-    size_t size = k > 0 ? sizeof(envsamp__cell) : sizeof(float), at;
-    size_t stride = k > 0 ? (size_t)map->levels[k].width : map->stride;
-    const char *row = (k > 0 ? (const char *)map->levels[k].cells : (const char *)map->knots)
-                    + ((size_t)w.y0 * stride + (size_t)w.x0) * size;
-    int y;
-
-    for (y = w.y0; y < w.y1 + map->bilinear; y++, row += stride * size)
-        for (at = 0; at < (size_t)(w.x1 - w.x0 + map->bilinear) * size; at += 64)
-            ENVSAMP__PREFETCH(row + at);
+    return envsamp__is_cut(map, k, rect) ? 0 : k;
 }
 
 /* The best place to cut along one axis. */
@@ -3184,17 +3128,12 @@ static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
     envsamp__window w = envsamp__touched(map, k, &b->rect, 0);
     int width = w.x1 - w.x0, height = w.y1 - w.y0;
     double columns = b->rect.x1 - b->rect.x0, sr = envsamp__block_sr(b), gain, bound;
-    double sum = b->whole.sum, square = envsamp__max(b->whole.square, sum * sum / sr);
-    envsamp__moments least = { ENVSAMP__UNIFORM_SHARE * sum, ENVSAMP__UNIFORM_SHARE * square,
-                               0.0f };
     envsamp__search search = { -DBL_MAX, -1, 0 };
     envsamp__moments whole;
     const envsamp__profile *profile;
 
-    b->rough = k < 0;
-    b->rough |= (unsigned char)envsamp__profile_rect(map, k, &b->rect, &least, tree->columns,
-                                                     tree->rows);
-    whole = envsamp__profile_moments(tree->rows, 0, height);
+    b->rough = k < 0 || (k > 0 && envsamp__is_cut(map, k, &b->rect));
+    whole = envsamp__profile_rect(map, k, &b->rect, tree->columns, tree->rows);
     envsamp__try_cuts(tree->columns, width, b->column_sr, sr, &whole, excess, 0, &search);
     envsamp__try_cuts(tree->rows, height, columns, sr, &whole, excess, 1, &search);
     b->whole = whole;
@@ -3232,13 +3171,6 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
     if (tree->block_count >= wanted || !(top->key > 0.0))
         return 0;
     if (!top->searched) {
-        const envsamp__heap_entry *next = top;
-        int i;
-
-        for (i = 1; i < envsamp__min(tree->heap.count, 5); i++)
-            next = next == top || top[i].key > next->key ? &top[i] : next;
-        if (!next->searched)
-            envsamp__prefetch(tree, &tree->blocks[next->item].rect);
         top->key = envsamp__search_block(tree, b);
         top->searched = 1;
         envsamp__heap_settle(&tree->heap);
@@ -3283,26 +3215,30 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
 
 #define ENVSAMP__BLOCKS_PER_TILE 3      /* 2 at least: the crown has as many cuts as tiles */
 #define ENVSAMP__MEDIAN_CELLS 512       /* read at once for a median */
-#define ENVSAMP__MEDIAN_SHARE (1.0 / 512)   /* of the light: error a cut cell may make */
+#define ENVSAMP__MEDIAN_SHARE (1.0 / 256)   /* of the light: error a cell may make */
 
-/* Where the light of a rectangle within a row or column of cells of level 0 has come to a share: at
-   a root of the parabola through the light of its halves, exact along u, then by a step of
-   Newton's. */
+/* Where the light of a rectangle within a row or column of cells of level 0, or one of `even`
+   light, has come to a share: at a root of the parabola through the light of its halves, exact
+   along u, then by a step of Newton's. */
 static double envsamp__median_in_cell(const envsamp__map *map, const envsamp__rect *rect, int axis,
-                                      double light, double share)
+                                      double light, double share, int even)
 {
     envsamp__rect low = *rect;
     double from = axis ? rect->y0 : rect->x0, size = (axis ? rect->y1 : rect->x1) - from;
     double *end = axis ? &low.y1 : &low.x1, half, slope, bend, at, over;
 
     *end = from + 0.5 * size;
-    half = envsamp__rect_moments(map, &low).sum;
+    if (even)
+        half = axis ? light * envsamp__rows_sr(map, low.y0, low.y1)
+                    / envsamp__rows_sr(map, rect->y0, rect->y1) : 0.5 * light;
+    else
+        half = envsamp__rect_moments(map, &low).sum;
     slope = 4.0 * half - light;
     bend = 2.0 * (light - 2.0 * half);
     at = slope + ENVSAMP_SQRT(envsamp__max(slope * slope + 4.0 * bend * share * light, 0.0));
     at = at > 0.0 ? envsamp__clamp(2.0 * share * light / at, 0.0, 1.0) : share;
     *end = from + at * size;
-    if (axis && *end > from) {
+    if (axis && !even && *end > from) {
         over = envsamp__rect_moments(map, &low).sum - share * light;
         slope += 2.0 * bend * at;
         at = slope > 0.0 ? envsamp__clamp(at - over / slope, 0.0, 1.0) : at;
@@ -3312,16 +3248,17 @@ static double envsamp__median_in_cell(const envsamp__map *map, const envsamp__re
 
 /* Where the light of a rectangle left of, or above, a place is half of the whole: narrowed down to
    a column or row of cells, at levels of at most ENVSAMP__MEDIAN_CELLS cells and more than one
-   along the axis, down to level 0. */
+   along the axis, down to level 0 or until their light is even. How uneven it may be is estimated
+   from its variance, as if the cells of the column or row differed independently. */
 static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, int axis,
                               double light)
 {
     const envsamp__map *map = tree->map;
     envsamp__profile *profile = axis ? tree->rows : tree->columns;
-    const envsamp__moments least = { ENVSAMP__MEDIAN_SHARE * light, DBL_MAX, 0.0f };
     envsamp__rect r = *rect;
     double *low = axis ? &r.y0 : &r.x0, *high = axis ? &r.y1 : &r.x1, share = 0.5;
-    int k;
+    double error = ENVSAMP__MEDIAN_SHARE * light, variance, across;
+    int k, even;
 
     do {
         envsamp__window w, next = envsamp__touched(map, 0, &r, 0);
@@ -3341,7 +3278,9 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
                 break;
         }
         size = envsamp__cell_size(map, k);
-        envsamp__profile_rect(map, k, &r, &least, axis ? NULL : profile, axis ? profile : NULL);
+        envsamp__profile_rect(map, k, &r, axis ? NULL : profile, axis ? profile : NULL);
+        if (k > 0)
+            envsamp__correct_profile(map, k, &r, error, axis, profile);
         wanted = share * envsamp__profile_moments(profile, 0, bins).sum;
         for (i = 0; i + 1 < bins && profile->sum[i] < wanted; i++)
             wanted -= profile->sum[i];
@@ -3350,8 +3289,12 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
         share = light > 0.0 ? envsamp__clamp(wanted / light, 0.0, 1.0) : 0.5;
         *high = envsamp__min_double(from + size, *high);
         *low = envsamp__max(from, *low);
-    } while (k > 0);
-    return envsamp__median_in_cell(map, &r, axis, light, share);
+        variance = envsamp__rows_sr(map, r.y0, r.y1) * (r.x1 - r.x0) * profile->square[i]
+                 - light * light;
+        across = (double)(axis ? w.x1 - w.x0 : w.y1 - w.y0);
+        even = k > 0 && variance <= 4.0 * across * error * error;
+    } while (k > 0 && !even);
+    return envsamp__median_in_cell(map, &r, axis, light, share, even);
 }
 
 /* Makes the blocks that the crown ends in the first blocks of the tree, which has room for all of
@@ -4193,31 +4136,32 @@ static double envsamp__region_area(const envsamp_kd *kd, const float cut[4])
 /* ---- writing WARP ---- */
 
 /* Weight of a block that is lit, however little: zero would leave its light unsampled. */
-static double envsamp__lit_weight(const envsamp__block *block, double weight)
+static double envsamp__lit_weight(const envsamp__map *map, const envsamp__block *b, double weight)
 {
-    return block->whole.peak > 0.0f && weight < DBL_MIN ? DBL_MIN : weight;
+    return weight < DBL_MIN && envsamp__rect_peak(map, &b->rect, 0.0) > 0.0 ? DBL_MIN : weight;
 }
 
-static double envsamp__block_q(const envsamp__block *b)
+static double envsamp__block_q(const envsamp__map *map, const envsamp__block *b)
 {
-    return envsamp__lit_weight(b, envsamp__q(envsamp__block_sr(b), b->whole.square));
+    return envsamp__lit_weight(map, b, envsamp__q(envsamp__block_sr(b), b->whole.square));
 }
 
 /* Q of what a link of the tree leads to. */
 static double envsamp__link_q(const envsamp__tree *tree, const double *q, uint32_t link)
 {
-    return link & ENVSAMP__LEAF ? envsamp__block_q(&tree->blocks[link & ~ENVSAMP__LEAF]) : q[link];
+    return link & ENVSAMP__LEAF ? envsamp__block_q(tree->map, &tree->blocks[link & ~ENVSAMP__LEAF])
+                                : q[link];
 }
 
 /* Adds what a block costs that has a density. */
 static void envsamp__add_cost(envsamp_kd_job *job, const envsamp__block *b, double pdf)
 {
     envsamp_kd *kd = (envsamp_kd *)job->base.table;
+    double mean = pdf * job->base.map.integral;
 
     if (pdf > 0.0) {
         job->second += b->whole.square / pdf;
-        kd->max_ratio = envsamp__max(kd->max_ratio, (double)b->whole.peak
-                                                    / (pdf * job->base.map.integral));
+        kd->max_ratio = envsamp__rect_peak(&job->base.map, &b->rect, kd->max_ratio * mean) / mean;
     }
 }
 
@@ -4606,7 +4550,8 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
         const envsamp__block *b = &tree->blocks[i];
 
         job->order[i] = (uint32_t)i;
-        q[i] = fit_l1 ? envsamp__lit_weight(b, b->whole.sum) : envsamp__block_q(b);
+        q[i] = fit_l1 ? envsamp__lit_weight(tree->map, b, b->whole.sum)
+                      : envsamp__block_q(tree->map, b);
     }
     if (kd->select == ENVSAMP_KD_FIT) {
         envsamp__choose_fit(job, kd);
@@ -4691,8 +4636,7 @@ static int envsamp__kd_work(void *work, int item)
             return 0;
         level = &map->levels[job->level];
         for (x = 0; x < level->width; x++)
-            level->cells[(size_t)item * (size_t)level->width + (size_t)x] =
-                envsamp__merge_cells(map, level - 1, x, item);
+            envsamp__merge_cells(map, job->level, x, item);
         if (item + 1 == level->height) {
             job->level++;
             base->next = 0;
@@ -4705,16 +4649,12 @@ static int envsamp__kd_work(void *work, int item)
                                  job->desc.facing);
         return envsamp__crown_step(tree);
     case ENVSAMP__TILES:
-        if (item + 1 < tree->block_count)
-            envsamp__prefetch(tree, &tree->blocks[item + 1].rect);
         envsamp__heap_push(&tree->heap, envsamp__search_block(tree, &tree->blocks[item]),
                            (uint32_t)item, 1);
         return item + 1 < tree->block_count;
     case ENVSAMP__SPLITS:
         return envsamp__split_step(tree, job->block_limit);
     case ENVSAMP__MOMENTS:
-        if (item + 2 < tree->block_count && tree->blocks[item + 2].rough)
-            envsamp__prefetch(tree, &tree->blocks[item + 2].rect);
         if (tree->blocks[item].rough)
             tree->blocks[item].whole = envsamp__rect_moments(map, &tree->blocks[item].rect);
         return item + 1 < tree->block_count;
