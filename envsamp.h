@@ -324,8 +324,9 @@ typedef struct envsamp_kd_desc {
     int nearest;                     /* 0: radiance is looked up bilinearly; else nearest texel */
     int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE */
     int facing;                      /* WARP: nonzero stores what _facing functions need */
-    float excess_target;             /* reserved, as is the next: 0 */
-    float importance_exponent;
+    float excess_target;             /* above 0: no more blocks than bring the excess variance of
+                                        ALIAS or WARP down to this; block_count stays the limit */
+    float importance_exponent;       /* reserved: 0 */
 } envsamp_kd_desc;
 
 typedef struct envsamp_kd envsamp_kd;
@@ -2682,6 +2683,7 @@ typedef struct envsamp__tree {
     envsamp__heap heap;
     envsamp__profile *columns, *rows;
     int block_count;
+    double q, q_wanted;                 /* sum of Q of all blocks; splitting stops below */
     int tile_bits;                      /* the first 2^tile_bits blocks were the tiles */
     int crown_at;                       /* the block of the crown to be halved next; -1 none */
     int alternate;                      /* nonzero: half of its cuts are at columns */
@@ -2697,6 +2699,11 @@ static inline double envsamp__block_sr(const envsamp__block *b)
 static double envsamp__q(double sr, double square)
 {
     return ENVSAMP_SQRT(sr * square);
+}
+
+static double envsamp__whole_q(const envsamp__block *b)
+{
+    return envsamp__q(envsamp__block_sr(b), b->whole.square);
 }
 
 /* ---- sums over a rectangle ---- */
@@ -3032,7 +3039,7 @@ static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int 
    than what the block's own variance costs. */
 static double envsamp__priority(const envsamp__tree *tree, const envsamp__block *b)
 {
-    double sr = envsamp__block_sr(b), q = envsamp__q(sr, b->whole.square);
+    double sr = envsamp__block_sr(b), q = envsamp__whole_q(b);
     double sse = b->whole.square - b->whole.sum * b->whole.sum / sr;
     const envsamp__map *map = tree->map;
     float low = FLT_MAX, high = 0.0f;
@@ -3168,10 +3175,12 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
     envsamp__block *b = &tree->blocks[top->item], *high = &tree->blocks[number];
     envsamp__cut *cut = &tree->cuts[number - 1];
 
-    if (tree->block_count >= wanted || !(top->key > 0.0))
+    if (tree->block_count >= wanted || !(top->key > 0.0) || tree->q <= tree->q_wanted)
         return 0;
     if (!top->searched) {
+        tree->q -= envsamp__whole_q(b);
         top->key = envsamp__search_block(tree, b);
+        tree->q += envsamp__whole_q(b);
         top->searched = 1;
         envsamp__heap_settle(&tree->heap);
         return 1;
@@ -3184,6 +3193,7 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
         tree->cuts[b->slot >> 1].child[b->slot & 1] = number - 1;
     b->slot = (number - 1) * 2;
     b->depth++;
+    tree->q -= envsamp__whole_q(b);
     *high = *b;
     high->slot++;
     high->whole = b->high;
@@ -3195,6 +3205,7 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
         b->column_sr = envsamp__rows_sr(tree->map, b->rect.y0, b->rect.y1);
         high->column_sr = envsamp__rows_sr(tree->map, high->rect.y0, high->rect.y1);
     }
+    tree->q += envsamp__whole_q(b) + envsamp__whole_q(high);
     top->key = envsamp__priority(tree, b);
     top->searched = 0;
     envsamp__heap_settle(&tree->heap);
@@ -3319,6 +3330,7 @@ static void envsamp__crown_end(envsamp__tree *tree)
         blocks[i].slot = bits ? (uint32_t)(i + (1 << bits) - 2) : ENVSAMP__LEAF;
     }
     tree->block_count = 1 << bits;
+    tree->q = 0.0;
     tree->heap.count = 0;
 }
 
@@ -3950,6 +3962,7 @@ struct envsamp_kd_job {
     envsamp__tree tree;
     envsamp_kd_desc desc;
     int level, block_limit;         /* PYRAMID: the level that is made */
+    int crown_blocks;               /* WARP: sets the size of the crown; 0: not known yet */
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
     uint32_t *order;                /* blocks of the tree in the order of the table; then nodes */
@@ -4143,7 +4156,7 @@ static double envsamp__lit_weight(const envsamp__map *map, const envsamp__block 
 
 static double envsamp__block_q(const envsamp__map *map, const envsamp__block *b)
 {
-    return envsamp__lit_weight(map, b, envsamp__q(envsamp__block_sr(b), b->whole.square));
+    return envsamp__lit_weight(map, b, envsamp__whole_q(b));
 }
 
 /* Q of what a link of the tree leads to. */
@@ -4304,11 +4317,11 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
     }
     spread = bright - (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
     if (envsamp__facing_cut(job, link) && spread > 0.0f) {
-        uint32_t place = (uint32_t)((char *)child - (char *)job->base.table) / 4;
+        const envsamp_kd *kd = (const envsamp_kd *)job->base.table;
 
         *child = link;
-        envsamp__heap_push(&job->tree.heap, (double)(spread / bright * ENVSAMP_SQRTF(area)), place,
-                           0);
+        envsamp__heap_push(&job->tree.heap, (double)(spread / bright * ENVSAMP_SQRTF(area)),
+                           8 * kd->facing_count + (uint32_t)number, 0);
     } else {
         *child = envsamp__float_bits(area > 0.0f ? 1.0f / area : 0.0f);
     }
@@ -4341,27 +4354,35 @@ static void envsamp__facing_fill(envsamp_kd_job *job, envsamp__facing_node *node
     }
 }
 
+static uint32_t *envsamp__facing_child(envsamp_kd *kd, uint32_t number)
+{
+    envsamp__facing_node *nodes = ENVSAMP__ARRAY_OUT(envsamp__facing_node, kd, facing);
+
+    return &nodes[number / 8].child[number % 2][number % 8 / 2];
+}
+
 /* Opens the part of the largest key until there are as many nodes as memory for them. */
 static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
 {
     envsamp__facing_node *node = ENVSAMP__ARRAY_OUT(envsamp__facing_node, kd, facing);
     envsamp__heap *heap = &job->tree.heap;
-    uint32_t limit = envsamp__facing_limit(job->block_limit), *words = (uint32_t *)(void *)kd, i;
-    uint32_t link = envsamp__root(&job->tree), *child;
+    uint32_t limit = envsamp__facing_limit(job->tree.block_count), *child;
+    uint32_t link = envsamp__root(&job->tree), place = kd->facing_at / 4;
 
     envsamp__facing_cuts(job);
     for (heap->count = 0; envsamp__facing_cut(job, link); node++) {
         envsamp__facing_fill(job, node, link);
+        place += (uint32_t)sizeof *node / 4;
         if (++kd->facing_count == limit || heap->count == 0)
             break;
-        child = words + heap->entries[0].item;
+        child = envsamp__facing_child(kd, heap->entries[0].item);
         heap->entries[0] = heap->entries[--heap->count];
         envsamp__heap_settle(heap);
         link = *child;
-        *child = ENVSAMP__INNER | (uint32_t)((char *)(node + 1) - (char *)kd) / 4;
+        *child = ENVSAMP__INNER | place;
     }
-    for (i = 0; i < (uint32_t)heap->count; i++) {
-        child = words + heap->entries[i].item;
+    for (; heap->count > 0; heap->count--) {
+        child = envsamp__facing_child(kd, heap->entries[heap->count - 1].item);
         *child = envsamp__float_bits(1.0f / envsamp__facing_of(job, *child)->area);
     }
     envsamp__kd_layout(kd);
@@ -4595,7 +4616,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
         || (uint32_t)filled.objective > ENVSAMP_KD_CHI2
         || !envsamp__in_range(filled.mis_compensation, 0.0f, 1.0f)
         || (filled.facing && filled.select != ENVSAMP_KD_WARP)
-        || !envsamp__is_zero(filled.excess_target)
+        || !envsamp__in_range(filled.excess_target, 0.0f, FLT_MAX)
         || !envsamp__is_zero(filled.importance_exponent))
         return ENVSAMP_ERR_PARAM;
     envsamp__kd_carve(&job, image, &filled, &arena);
@@ -4619,6 +4640,7 @@ static int envsamp__kd_work(void *work, int item)
     envsamp_kd *kd = (envsamp_kd *)base->table;
     envsamp__map *map = &base->map;
     envsamp__tree *tree = &job->tree;
+    double target = (double)job->desc.excess_target;
     envsamp__level *level;
     int x;
 
@@ -4630,6 +4652,10 @@ static int envsamp__kd_work(void *work, int item)
         if (base->result == ENVSAMP_OK && !(map->integral > 0.0))
             base->result = ENVSAMP_ERR_BLACK;
         job->level = 2;
+        tree->q_wanted = target > 0.0 ? map->integral * ENVSAMP_SQRT(1.0 + target) : -1.0;
+        job->crown_blocks = job->block_limit;
+        if (target > 0.0 && job->desc.select == ENVSAMP_KD_WARP && !job->desc.facing)
+            job->crown_blocks = 0;
         return 0;
     case ENVSAMP__PYRAMID:
         if (job->level >= map->level_count)
@@ -4644,16 +4670,23 @@ static int envsamp__kd_work(void *work, int item)
         return 1;
     case ENVSAMP__CROWN:
         if (item == 0)
-            envsamp__crown_begin(tree, job->desc.select == ENVSAMP_KD_WARP
-                                       ? envsamp__most_tile_bits(job->block_limit) : 0,
+            envsamp__crown_begin(tree, job->desc.select != ENVSAMP_KD_WARP ? 0
+                                       : envsamp__most_tile_bits(job->crown_blocks),
                                  job->desc.facing);
         return envsamp__crown_step(tree);
     case ENVSAMP__TILES:
         envsamp__heap_push(&tree->heap, envsamp__search_block(tree, &tree->blocks[item]),
                            (uint32_t)item, 1);
+        tree->q += envsamp__whole_q(&tree->blocks[item]);
         return item + 1 < tree->block_count;
     case ENVSAMP__SPLITS:
-        return envsamp__split_step(tree, job->block_limit);
+        if (envsamp__split_step(tree, job->block_limit))
+            return 1;
+        if (job->crown_blocks == 0) {   /* WARP: again, with a crown for as many blocks */
+            job->crown_blocks = tree->block_count;
+            base->phase = ENVSAMP__PYRAMID;
+        }
+        return 0;
     case ENVSAMP__MOMENTS:
         if (tree->blocks[item].rough)
             tree->blocks[item].whole = envsamp__rect_moments(map, &tree->blocks[item].rect);
