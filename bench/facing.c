@@ -8,8 +8,8 @@
  * Errors: RMS relative error over 64 normals and 16 sets of numbers, then the geometric mean over
  * maps. Lookups and tables are bilinear; exact irradiance is a sum over parts of texels. Numbers
  * are others for every normal. MIS: half of the samples from the surface, by the cosine, weighed by
- * the power heuristic. Hidden: a third of 6 x 12 equal patches of the sphere, the same for all, lets
- * no light through.
+ * the power heuristic. Hidden: a third of 6 x 12 equal patches of the sphere, the same for all,
+ * lets no light through.
  */
 #define _POSIX_C_SOURCE 200809L
 #define ENVSAMP_IMPLEMENTATION
@@ -33,7 +33,8 @@
 #define PATCH_COLUMNS 12
 #define PATCHES (PATCH_ROWS * PATCH_COLUMNS)
 #define TIMED 65536                 /* samples or densities a round */
-#define BATCH 256                   /* divides TIMED */
+#define BATCH 256                   /* divides TIMED, as the next */
+#define SMALL_BATCH 16              /* what a renderer has for one point */
 
 static const int counts[COUNTS] = { 16, 64, 128 };
 
@@ -268,11 +269,12 @@ static void time_builds(const image *map, int block_count, int rounds, kd_fixtur
 }
 
 enum { SAMPLE, SAMPLE_FACING, SAMPLE_N, SAMPLE_FACING_N, PDF, PDF_FACING, PDF_N, PDF_FACING_N,
-       INVERSION, OPERATIONS };
+       SAMPLE_SMALL, SAMPLE_FACING_SMALL, INVERSION, OPERATIONS };
 
 static const char *const operation_names[OPERATIONS] = {
     "sample", "sample_facing", "sample_n", "sample_facing_n", "pdf", "pdf_facing", "pdf_n",
-    "pdf_facing_n", "inversion of a CDF by binary search"
+    "pdf_facing_n", "sample_n, of 16", "sample_facing_n, of 16",
+    "inversion of a CDF by binary search"
 };
 
 typedef struct timed {
@@ -312,34 +314,38 @@ static float run_single(const timed *t, int what)
 }
 
 /* In batches, another normal for each. */
-static float run_batches(const timed *t, int what)
+static float run_batches(const timed *t, int what, int size)
 {
+    const int sampled = what != PDF_N && what != PDF_FACING_N;
     float x[BATCH], y[BATCH], z[BATCH], pdf[BATCH], sum = 0.0f;
     int i, k;
 
-    for (i = 0; i < TIMED; i += BATCH) {
-        const float *normal = t->normals[i / BATCH % IRRADIANCE_NORMALS];
+    for (i = 0; i < TIMED; i += size) {
+        const float *normal = t->normals[i / size % IRRADIANCE_NORMALS];
+        const float *const u[2] = { t->u[0] + i, t->u[1] + i };
+        const float *const dir[3] = { t->dir[0] + i, t->dir[1] + i, t->dir[2] + i };
+        const size_t n = (size_t)size;
 
-        if (what == SAMPLE_N)
-            envsamp_kd_sample_n(t->kd, BATCH, t->u[0] + i, t->u[1] + i, x, y, z, pdf);
-        else if (what == SAMPLE_FACING_N)
-            envsamp_kd_sample_facing_n(t->kd, normal, BATCH, t->u[0] + i, t->u[1] + i, x, y, z,
-                                       pdf);
+        if (what == SAMPLE_N || what == SAMPLE_SMALL)
+            envsamp_kd_sample_n(t->kd, n, u[0], u[1], x, y, z, pdf);
+        else if (sampled)
+            envsamp_kd_sample_facing_n(t->kd, normal, n, u[0], u[1], x, y, z, pdf);
         else if (what == PDF_N)
-            envsamp_kd_pdf_n(t->kd, BATCH, t->dir[0] + i, t->dir[1] + i, t->dir[2] + i, pdf);
+            envsamp_kd_pdf_n(t->kd, n, dir[0], dir[1], dir[2], pdf);
         else
-            envsamp_kd_pdf_facing_n(t->kd, normal, BATCH, t->dir[0] + i, t->dir[1] + i,
-                                    t->dir[2] + i, pdf);
-        for (k = 0; k < BATCH; k++)
-            sum += pdf[k] + (what == SAMPLE_N || what == SAMPLE_FACING_N ? x[k] + y[k] + z[k]
-                                                                         : 0.0f);
+            envsamp_kd_pdf_facing_n(t->kd, normal, n, dir[0], dir[1], dir[2], pdf);
+        for (k = 0; k < size; k++)
+            sum += pdf[k] + (sampled ? x[k] + y[k] + z[k] : 0.0f);
     }
     return sum;
 }
 
-static int is_batch(int what)
+static int batch_of(int what)
 {
-    return what == SAMPLE_N || what == SAMPLE_FACING_N || what == PDF_N || what == PDF_FACING_N;
+    if (what == SAMPLE_SMALL || what == SAMPLE_FACING_SMALL)
+        return SMALL_BATCH;
+    return what == SAMPLE_N || what == SAMPLE_FACING_N || what == PDF_N || what == PDF_FACING_N
+         ? BATCH : 1;
 }
 
 /* Numbers are fresh in every round, as the caches of inversion find them in a renderer. */
@@ -359,12 +365,14 @@ static void time_operations(timed *t, const bench_input *input, double ns[OPERAT
                 t->dir[c][i] = input->directions[3 * (at % SLICE_COUNT) + (size_t)c];
         }
         for (what = 0; what < OPERATIONS; what++) {
+            const int size = batch_of(what);
             const double start = cpu_ns();
 
-            sink += is_batch(what) ? run_batches(t, what) : run_single(t, what);
+            sink += size > 1 ? run_batches(t, what, size) : run_single(t, what);
             times[what][round] = (cpu_ns() - start) / TIMED;
         }
     }
+    (void)sink;
     for (what = 0; what < OPERATIONS; what++)
         ns[what] = least(times[what]);
 }
@@ -469,8 +477,8 @@ static void report_times(const bench_input *input)
     fprintf(stderr, "times\n");
     time_operations(&t, input, ns);
     printf("Times: %s, %d x %d, CPU time, the least of %d rounds; normals change with every call,\n"
-           "of _n with every %d\n\n", input->options.map_path, input->map.width, input->map.height,
-           ROUND_COUNT, BATCH);
+           "of _n with every %d or %d\n\n", input->options.map_path, input->map.width,
+           input->map.height, ROUND_COUNT, BATCH, SMALL_BATCH);
     print_times(ns, build, tables);
     baseline_cdf_destroy(&t.cdf);
     kd_fixture_free(&tables[0]);
