@@ -22,7 +22,7 @@ EXR_CFLAGS = -DHAVE_OPENEXR $(shell pkg-config --cflags OpenEXR 2>/dev/null)
 EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
 
 COMMON   := examples/common/image.c examples/common/maps.c
-EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights product demo_exr)
+EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr)
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard examples/common/*.h tests/*.h bench/*.h)
@@ -41,9 +41,9 @@ OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o maps.o picture.o)
 EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr.o)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
-.PHONY: help demo lights product test bench scale fuzz corpus mutants coverage figures convergence \
-        halftone scene lamps coarse shapes builds least-squares again portability portability-setup data \
-        setup clean
+.PHONY: help demo lights facing product test bench scale fuzz corpus mutants coverage figures \
+        facing-table convergence halftone scene lamps coarse shapes builds least-squares again \
+        portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -64,6 +64,9 @@ test: setup  ## build and run all tests
 
 lights: $(BUILD)/lights  ## a map as directional lights, and pictures; LIGHTS="-k 32 data/city.pfm"
 	$(BUILD)/lights -o $(BUILD)/pictures $(LIGHTS)
+
+facing: $(BUILD)/facing  ## light x cosine beside light alone and MIS, and a picture; FACING=file
+	$(BUILD)/facing -o $(BUILD)/pictures $(FACING)
 
 product: $(BUILD)/product  ## product sampling by halftones beside BRDF and SIR, and a picture
 	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT)
@@ -111,6 +114,10 @@ figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; PO
 convergence: $(BUILD)/convergence  ## error of irradiance over the number of samples, and a plot
 	@mkdir -p $(BUILD)/pictures
 	$(BUILD)/convergence -o $(BUILD)/pictures/convergence.png
+
+# MAP: of the times, as for bench.
+facing-table: $(BUILD)/facing_table  ## light x cosine over the real maps, and its times; MAP=file
+	$(BUILD)/facing_table $(MAP)
 
 halftone: $(BUILD)/halftone  ## error diffusion: evenness, error of irradiance, counts, time
 	$(BUILD)/halftone
@@ -200,6 +207,9 @@ $(BUILD)/bench_batch: bench/bench_batch.c bench/input.c $(BUILD)/baselines.o $(C
 
 $(BUILD)/convergence: bench/convergence.c $(PLOTTED) $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/convergence.c $(PLOTTED) tests/inside.c $(COMMON) -lm -o $@
+
+$(BUILD)/facing_table: bench/facing.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/facing.c $(TIMED) tests/inside.c $(COMMON) -lm -o $@
 
 $(BUILD)/halftone: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c tests/inside.c \

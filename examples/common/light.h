@@ -1,5 +1,5 @@
 /* light.h: what lights a scene, and what draws from it: solid angles of the texels of a lat-long
- * map, and samplers of different kinds behind one function.
+ * map, directions about an axis, and samplers of different kinds behind one function.
  *
  *     sampler by = sampler_of_kd("WARP", kd);
  *     envsamp_sample s = by.draw(by.table, u0, u1);
@@ -33,6 +33,23 @@ static inline float texel_sr(int width, int height, int y)
 static inline float texel_luminance(const image *map, int x, int y)
 {
     return envsamp_luminance(map->rgb + 3 * ((size_t)y * (size_t)map->width + (size_t)x));
+}
+
+/* A direction about a unit axis: the density is in proportion to a power of its cosine, which 1
+   makes that of a diffuse surface. */
+static inline void draw_lobe(const float axis[3], float power, const float u[2], float dir[3])
+{
+    const float cosine = powf(1.0f - u[1], 1.0f / (power + 1.0f));
+    const float sine = sqrtf(fmaxf(1.0f - cosine * cosine, 0.0f));
+    const float sign = axis[2] < 0.0f ? -1.0f : 1.0f;
+    const float a = -1.0f / (sign + axis[2]), b = axis[0] * axis[1] * a;
+    const float side[3] = {1.0f + sign * axis[0] * axis[0] * a, sign * b, -sign * axis[0]};
+    const float other[3] = {b, sign + axis[1] * axis[1] * a, -axis[1]};
+    const float x = sine * cosf(2.0f * LIGHT_PI * u[0]), y = sine * sinf(2.0f * LIGHT_PI * u[0]);
+    int i;
+
+    for (i = 0; i < 3; i++)
+        dir[i] = x * side[i] + y * other[i] + cosine * axis[i];
 }
 
 /* ---- samplers ---- */

@@ -1,5 +1,5 @@
-/* mis_scene.h: two spheres on a plane, with shadows, lit by a map through multiple importance
- * sampling; at the same number of rays, beside either sampler alone and a reference.
+/* mis_scene.h: spheres on a plane, with shadows, lit by a map through multiple importance sampling;
+ * at the same number of rays, beside either sampler alone and a reference.
  *
  *     mis_scene *s = calloc(1, sizeof *s);
  *     s->view = &view;
@@ -26,7 +26,14 @@
 #define SCENE_LABEL 42
 #define SCENE_RAYS 16                /* a pixel; with MIS half of them by each sampler */
 #define SCENE_REFERENCE_RAYS 256
+#ifndef SCENE_GLOSS
 #define SCENE_GLOSS 32.0f            /* exponent of the lobe */
+#endif
+
+/* Centre, radius, and whether it is glossy, of each. */
+#ifndef SCENE_SPHERES
+#define SCENE_SPHERES {{-1.12f, 0.0f, 1.0f}, 1.0f, 0}, {{1.12f, 0.0f, 1.0f}, 1.0f, 1}
+#endif
 
 enum { MIS_BSDF, MIS_MAP, MIS_PLAIN, MIS_COMPENSATED, MIS_REFERENCE, MIS_PANELS };
 
@@ -82,13 +89,20 @@ static inline mis_light mis_light_of_cdf(const envsamp_cdf *cdf)
 
 /* ---- the scene ---- */
 
-static const float mis_centres[2][3] = {{-1.12f, 0.0f, 1.0f}, {1.12f, 0.0f, 1.0f}};
+typedef struct mis_sphere { float centre[3], radius; int glossy; } mis_sphere;
 
-/* Distance to a sphere of radius 1 along a ray of unit length, or -1. */
-static inline float mis_sphere_hit(const float centre[3], const float from[3], const float dir[3])
+static const mis_sphere mis_spheres[] = {SCENE_SPHERES};
+
+#define MIS_SPHERES ((int)(sizeof mis_spheres / sizeof mis_spheres[0]))
+
+/* Distance to a sphere along a ray of unit length, or -1. */
+static inline float mis_sphere_hit(const mis_sphere *sphere, const float from[3],
+                                   const float dir[3])
 {
+    const float *centre = sphere->centre;
     const float to[3] = {centre[0] - from[0], centre[1] - from[1], centre[2] - from[2]};
-    const float along = dot3(to, dir), rest = 1.0f - dot3(to, to) + along * along;
+    const float along = dot3(to, dir);
+    const float rest = sphere->radius * sphere->radius - dot3(to, to) + along * along;
     const float near = rest > 0.0f ? along - sqrtf(rest) : -1.0f;
 
     return near > 1e-3f ? near : -1.0f;
@@ -106,8 +120,8 @@ static inline int mis_hit(const float from[3], const float dir[3], mis_point *p)
     float nearest = dir[2] < 0.0f ? -from[2] / dir[2] : -1.0f, facing;
     int which = -1, i;
 
-    for (i = 0; i < 2; i++) {
-        const float t = mis_sphere_hit(mis_centres[i], from, dir);
+    for (i = 0; i < MIS_SPHERES; i++) {
+        const float t = mis_sphere_hit(&mis_spheres[i], from, dir);
 
         if (t > 0.0f && (nearest < 0.0f || t < nearest)) {
             nearest = t;
@@ -118,21 +132,25 @@ static inline int mis_hit(const float from[3], const float dir[3], mis_point *p)
         return 0;
     for (i = 0; i < 3; i++) {
         p->at[i] = from[i] + nearest * dir[i];
-        p->normal[i] = which >= 0 ? p->at[i] - mis_centres[which][i] : i == 2 ? 1.0f : 0.0f;
+        p->normal[i] = i == 2 ? 1.0f : 0.0f;
+        if (which >= 0)
+            p->normal[i] = (p->at[i] - mis_spheres[which].centre[i]) / mis_spheres[which].radius;
     }
     facing = dot3(p->normal, dir);
     for (i = 0; i < 3; i++)
         p->mirror[i] = dir[i] - 2.0f * facing * p->normal[i];
-    p->glossy = which == 1;
+    p->glossy = which >= 0 && mis_spheres[which].glossy;
     p->albedo = which < 0 ? 0.5f : 0.8f;
     return 1;
 }
 
 static inline int mis_shadowed(const mis_point *p, const float dir[3])
 {
-    return dot3(p->normal, dir) <= 0.0f || dir[2] <= 0.0f
-        || mis_sphere_hit(mis_centres[0], p->at, dir) > 0.0f
-        || mis_sphere_hit(mis_centres[1], p->at, dir) > 0.0f;
+    int shadowed = dot3(p->normal, dir) <= 0.0f || dir[2] <= 0.0f, i;
+
+    for (i = 0; i < MIS_SPHERES && !shadowed; i++)
+        shadowed = mis_sphere_hit(&mis_spheres[i], p->at, dir) > 0.0f;
+    return shadowed;
 }
 
 /* Density with which the surface sends a ray on: a cosine, or its power about the mirrored view.
@@ -150,18 +168,7 @@ static inline float mis_lobe(const mis_point *p, const float dir[3])
 /* A direction with the density of mis_lobe. */
 static inline void mis_draw_lobe(const mis_point *p, const float u[2], float dir[3])
 {
-    const float *axis = p->glossy ? p->mirror : p->normal;
-    const float cosine = powf(1.0f - u[1], p->glossy ? 1.0f / (SCENE_GLOSS + 1.0f) : 0.5f);
-    const float sine = sqrtf(fmaxf(1.0f - cosine * cosine, 0.0f));
-    const float sign = axis[2] < 0.0f ? -1.0f : 1.0f;
-    const float a = -1.0f / (sign + axis[2]), b = axis[0] * axis[1] * a;
-    const float side[3] = {1.0f + sign * axis[0] * axis[0] * a, sign * b, -sign * axis[0]};
-    const float other[3] = {b, sign + axis[1] * axis[1] * a, -axis[1]};
-    const float x = sine * cosf(2.0f * LIGHT_PI * u[0]), y = sine * sinf(2.0f * LIGHT_PI * u[0]);
-    int i;
-
-    for (i = 0; i < 3; i++)
-        dir[i] = x * side[i] + y * other[i] + cosine * axis[i];
+    draw_lobe(p->glossy ? p->mirror : p->normal, p->glossy ? SCENE_GLOSS : 1.0f, u, dir);
 }
 
 /* ---- light ---- */
@@ -342,13 +349,12 @@ static inline float mis_exposure(const mis_panel *reference)
     return sum > 0.0f ? 0.3f * count / sum : 1.0f;
 }
 
-static inline void mis_draw_panel(picture *canvas, int x, const mis_scene *s, int which)
+/* With its error, if it has any. */
+static inline void mis_draw_panel(picture *canvas, int x, int y, const mis_panel *panel,
+                                  float exposure, const char *name)
 {
-    static const char *const names[MIS_PANELS] = {"BSDF", "MAP", "MIS", "COMPENSATED",
-                                                  "REFERENCE"};
     static const unsigned char white[3] = {255, 255, 255};
-    const float exposure = mis_exposure(&s->panels[MIS_REFERENCE]);
-    const double rmse = s->panels[which].rmse;
+    const double rmse = panel->rmse;
     unsigned char colour[3];
     image one = {1, 1, NULL};
     char text[32];
@@ -357,27 +363,30 @@ static inline void mis_draw_panel(picture *canvas, int x, const mis_scene *s, in
 
     one.rgb = rgb;
     for (i = 0; i < SCENE_WIDTH * SCENE_HEIGHT; i++) {
-        memcpy(rgb, s->panels[which].rgb + 3 * i, sizeof rgb);
+        memcpy(rgb, panel->rgb + 3 * i, sizeof rgb);
         image_tonemap(&one, exposure, colour);
-        picture_blend(canvas, x + i % SCENE_WIDTH, i / SCENE_WIDTH, colour, 1.0f);
+        picture_blend(canvas, x + i % SCENE_WIDTH, y + i / SCENE_WIDTH, colour, 1.0f);
     }
-    picture_text(canvas, x + 6, SCENE_HEIGHT + 4, 2, white, names[which]);
+    picture_text(canvas, x + 6, y + SCENE_HEIGHT + 4, 2, white, name);
     snprintf(text, sizeof text, "RMSE %.*f", rmse < 1.0 ? 3 : rmse < 10.0 ? 2 : 1, rmse);
-    if (which != MIS_REFERENCE)
-        picture_text(canvas, x + 6, SCENE_HEIGHT + 22, 2, white, text);
+    if (rmse > 0.0)
+        picture_text(canvas, x + 6, y + SCENE_HEIGHT + 22, 2, white, text);
 }
 
 /* Returns 0 if memory is short; the picture is to be freed with picture_free. */
 static inline int mis_scene_draw(const mis_scene *s, picture *out)
 {
+    static const char *const names[MIS_PANELS] = {"BSDF", "MAP", "MIS", "COMPENSATED",
+                                                  "REFERENCE"};
     static const unsigned char ground[3] = {38, 40, 44};
+    const float exposure = mis_exposure(&s->panels[MIS_REFERENCE]);
     int which;
 
     if (!picture_alloc(out, MIS_PANELS * SCENE_WIDTH, SCENE_HEIGHT + SCENE_LABEL))
         return 0;
     picture_fill(out, 0, 0, out->width, out->height, ground);
     for (which = 0; which < MIS_PANELS; which++)
-        mis_draw_panel(out, which * SCENE_WIDTH, s, which);
+        mis_draw_panel(out, which * SCENE_WIDTH, 0, &s->panels[which], exposure, names[which]);
     return 1;
 }
 
