@@ -1982,14 +1982,14 @@ static double envsamp__edges_sr(uint32_t mapping, const float edge[4])
 }
 
 /* Inside the map. */
-static int envsamp__edge_valid(uint32_t mapping, float edge, int axis)
+ENVSAMP__MATH int envsamp__edge_valid(uint32_t mapping, float edge, int axis)
 {
     return envsamp__in_range(edge, -1.0f, 1.0f)
         && (!envsamp__sign(edge) || (axis && mapping == ENVSAMP_LATLONG));
 }
 
 /* Edges x0, x1, y0, y1 that rise. */
-static int envsamp__edges_valid(uint32_t mapping, const float edge[4])
+ENVSAMP__MATH int envsamp__edges_valid(uint32_t mapping, const float edge[4])
 {
     int i, valid = edge[0] < edge[1] && envsamp__edge_key(edge[2]) < envsamp__edge_key(edge[3]);
 
@@ -5535,7 +5535,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     while (link & ENVSAMP__INNER)
         link = envsamp__take_side(ENVSAMP__LINKED(envsamp__sample_node, kd, link),
                                   envsamp__descend(kd, place, &down, &axis), cut, edge, 1);
-    if (!link)
+    if (!link || !envsamp__edges_valid(kd->mapping, edge))     /* not so in a damaged table */
         return 0;
     e = envsamp__dir_exact(kd->mapping, dir);
     u[0] = envsamp__invert_between(tile[0], kd->tile_bits_x, cut, (e.x - (double)edge[0])
