@@ -5330,6 +5330,7 @@ ENVSAMP__HOT float envsamp__facing_warp(const envsamp_kd *kd, const float n[9], 
 
         f[axis] = envsamp__at_most(low + f[axis] * (high - low),
                                    envsamp__bits_float(envsamp__float_bits(high) - 1));
+        f[axis] = envsamp__clamp_unit(f[axis]);         /* of a damaged table, anything */
     }
     return envsamp__saturate(ratio) * envsamp__bits_float(link);
 }
@@ -5690,6 +5691,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
 
         u[axis] = envsamp__at_most((float)to,
                                    envsamp__bits_float(envsamp__float_bits(end) - 1));
+        u[axis] = envsamp__clamp_unit(u[axis]);
     }
     return 1;
 }
