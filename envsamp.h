@@ -5654,7 +5654,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
                                                         const float dir[3], float u[2])
 {
     const envsamp__facing_node *node;
-    float n[9], bound[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, sum[15];
+    float n[9], bound[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, sum[15], to[3];
     double start[2] = { 0.0, 0.0 }, size[2] = { 1.0, 1.0 };
     envsamp__weights w;
     uint32_t link, high, at;
@@ -5666,7 +5666,10 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
         return 0;
     if (!envsamp__facing_normal(kd, normal, n))
         return 1;
-    envsamp__density(kd, dir, &place);
+    to[0] = dir[0];
+    to[1] = dir[1] + 0.0f;              /* as kd_invert: at the seam -0 is 0 */
+    to[2] = dir[2];
+    envsamp__density(kd, to, &place);
     node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
     do {
         envsamp__facing_weigh(node, n, &w);
@@ -5687,9 +5690,9 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
     for (axis = 0; axis < 2; axis++) {
         double low = (double)bound[2 * axis], wide = (double)bound[2 * axis + 1] - low;
         float end = (float)(start[axis] + size[axis]);
-        double to = start[axis] + size[axis] * (((double)u[axis] - low) / wide);
+        double f = ((double)u[axis] - low) / wide;
 
-        u[axis] = envsamp__at_most((float)to,
+        u[axis] = envsamp__at_most((float)(start[axis] + size[axis] * f),
                                    envsamp__bits_float(envsamp__float_bits(end) - 1));
         u[axis] = envsamp__clamp_unit(u[axis]);
     }
