@@ -5257,8 +5257,10 @@ ENVSAMP__HOT int envsamp__facing_normal(const envsamp_kd *kd, const float normal
     return 1;
 }
 
-/* Weights of the parts of a node, lower and higher ones, and of pairs of them; 0 or more also in a
-   damaged table. */
+#define ENVSAMP__LEAST_WEIGHT 1e-30f    /* less than the rounding of what a lit part weighs */
+
+/* Weights of the parts of a node, lower and higher ones, and of pairs of them; 0 or more, and not
+   all 0, also in a damaged table. */
 typedef struct envsamp__weights { float part[2][4], pair[4]; } envsamp__weights;
 
 ENVSAMP__HOT void envsamp__facing_weigh(const envsamp__facing_node *node, const float n[9],
@@ -5279,8 +5281,10 @@ ENVSAMP__HOT void envsamp__facing_weigh(const envsamp__facing_node *node, const 
         }
         envsamp__sqrt_n(square, 4);
         for (i = 0; i < 4; i++)
-            w->part[k][i] = mean[i] + square[i] > 0.0f ? mean[i] + square[i] : 0.0f;
+            w->part[k][i] = mean[i] + square[i] > ENVSAMP__LEAST_WEIGHT ? mean[i] + square[i]
+                                                                        : 0.0f;
     }
+    w->part[1][3] += ENVSAMP__LEAST_WEIGHT;     /* the last: no number reaches it by that */
     for (i = 0; i < 4; i++)
         w->pair[i] = w->part[0][i] + w->part[1][i];
 }
@@ -5676,19 +5680,22 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
         for (i = 14; i >= 0; i--)
             sum[i] = i < 7 ? sum[2 * i + 1] + sum[2 * i + 2] : w.part[(i - 7) % 2][(i - 7) / 2];
         for (at = 0; at < 7; at = 2 * at + 1 + high) {
-            double low = (double)sum[2 * at + 1] / (double)sum[at];
+            double whole = envsamp__max((double)sum[at], (double)ENVSAMP__LEAST_WEIGHT);
+            double low = (double)sum[2 * at + 1] / whole;
 
             high = envsamp__is_high(node->edge[at], place);
             axis = envsamp__sign(node->cut[at]);
             start[axis] += high ? size[axis] * low : 0.0;
-            size[axis] *= high ? (double)sum[2 * at + 2] / (double)sum[at] : low;
+            size[axis] *= high ? (double)sum[2 * at + 2] / whole : low;
             bound[2 * axis + 1 - (int)high] = ENVSAMP_FABSF(node->cut[at]);
         }
         link = node->child[(at - 7) % 2][(at - 7) / 2];
         node = ENVSAMP__LINKED(envsamp__facing_node, kd, link);
     } while (link & ENVSAMP__INNER);
     for (axis = 0; axis < 2; axis++) {
-        double low = (double)bound[2 * axis], wide = (double)bound[2 * axis + 1] - low;
+        double low = (double)bound[2 * axis];
+        double wide = envsamp__max((double)bound[2 * axis + 1] - low,
+                                     1.0 / (double)ENVSAMP__UNIT);
         float end = (float)(start[axis] + size[axis]);
         double f = ((double)u[axis] - low) / wide;
 
