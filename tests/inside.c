@@ -208,8 +208,9 @@ int inside_facing(const envsamp_kd *kd, const double normal[3], int plain, insid
 {
     const inside_part all = { { 0.0, 0.0 }, { 1.0, 1.0 }, { 0.0, 0.0 }, { 1.0, 1.0 }, 1.0, 0, 0 };
     int count = 0, next = 0, at, high;
-    inside_part tree[15] = { { { 0.0, 0.0 }, { 0.0, 0.0 }, { 0.0, 0.0 }, { 0.0, 0.0 }, 0, 0, 0 } };
+    inside_part tree[15];
 
+    memset(tree, 0, sizeof tree);
     tree[0] = all;
     tree[0].link = KD_LINK | kd->facing_at / 4;
     while (kd->facing_count > 0) {
@@ -219,15 +220,16 @@ int inside_facing(const envsamp_kd *kd, const double normal[3], int plain, insid
         facing_weights(node, normal, sum);
         for (at = 0; at < 7; at++) {
             const int axis = signbit(node->cut[at]) ? 1 : 0;
-            const double wide = tree[at].high[axis] - tree[at].low[axis];
+            double whole = sum[at], side = sum[2 * at + 2];
 
-            for (high = 0; high < 2; high++) {
-                double share = (tree[at].high[axis] - fabs((double)node->cut[at])) / wide;
-
-                share = tree[at].depth != plain ? sum[2 * at + 1 + high] / sum[at]
-                      : high ? share : 1.0 - share;
-                tree[2 * at + 1 + high] = facing_side(&tree[at], node->cut[at], high, share);
+            if (tree[at].depth == plain) {
+                whole = tree[at].high[axis] - tree[at].low[axis];
+                side = tree[at].high[axis] - fabs((double)node->cut[at]);
             }
+            side = whole > 0.0 ? side / whole : 0.0;        /* of the higher one */
+            for (high = 0; high < 2; high++)
+                tree[2 * at + 1 + high] = facing_side(&tree[at], node->cut[at], high,
+                                                      high ? side : 1.0 - side);
         }
         for (at = 7; at < 15 && count < room; at++) {
             tree[at].link = node->child[(at - 7) % 2][(at - 7) / 2];
