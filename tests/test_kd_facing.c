@@ -1313,10 +1313,70 @@ static void test_damage(envsamp_mapping mapping)
     subject_free(&s);
 }
 
+/* Words of a node: cuts, edges, children, weights, and its end. */
+enum { CUT = 0, EDGE = 7, CHILD = 14, WEIGHT = 22, NODE = 94 };
+
+static uint32_t bits_of(float value)
+{
+    return inside_word(&value, 0);
+}
+
+/* What each field of a node must not be, in the second node. */
+static void test_refusals(void)
+{
+    const struct { int at, end; float least, most; } ranges[] = {
+        { CUT, EDGE, -1.0f, 1.0f }, { EDGE, CHILD, -2.0f, 4.0f }, { WEIGHT, NODE, -4.0f, 4.0f }
+    };
+    pcg32 random = pcg32_make(14, 0);
+    int right[3] = { 0, 0, 0 }, wrong[3] = { 0, 0, 0 }, i, k;
+    kd_guarded copy;
+    size_t bytes, node;
+    subject s;
+
+    if (subject_make(&s, "foliage", ENVSAMP_LATLONG, 100)) {
+        const uint32_t first = KD_WORD(s.f.kd, facing_at) / 4, second = first + NODE;
+        const uint32_t links[] = { first, second, second + 1, second + NODE - 1, second + NODE + 1,
+                                   first + NODE * KD_WORD(s.f.kd, facing_count), 0, 0x7fffffffu };
+
+        bytes = envsamp_kd_bytes(s.f.kd);
+        node = 4 * (size_t)second;
+        copy = kd_guarded_make(bytes, 0);
+        memcpy(copy.buffer.data, s.f.kd, bytes);
+        for (i = 0; i < 3; i++)
+            for (k = ranges[i].at; k < ranges[i].end; k++) {
+                const float bad[] = { nextafterf(ranges[i].least, -9.0f), INFINITY, -INFINITY, NAN,
+                                      nextafterf(ranges[i].most, 9.0f), -NAN, FLT_MAX };
+                const size_t at = node + 4 * (size_t)k;
+                int b;
+
+                for (b = 0; b < 7; b++)
+                    damage_word(&s.f, copy.buffer, at, bits_of(bad[b]), &random, wrong);
+                damage_word(&s.f, copy.buffer, at, bits_of(ranges[i].least), &random, right);
+                damage_word(&s.f, copy.buffer, at, bits_of(ranges[i].most), &random, right);
+            }
+        for (k = CHILD; k < WEIGHT; k++) {
+            const size_t at = node + 4 * (size_t)k;
+
+            for (i = 0; i < 8; i++)
+                damage_word(&s.f, copy.buffer, at, KD_LINK | links[i], &random, wrong);
+            damage_word(&s.f, copy.buffer, at, bits_of(INFINITY), &random, wrong);
+            damage_word(&s.f, copy.buffer, at, bits_of(NAN), &random, wrong);
+            damage_word(&s.f, copy.buffer, at, KD_LINK | (second + NODE), &random, right);
+            damage_word(&s.f, copy.buffer, at, bits_of(FLT_MAX), &random, right);
+        }
+        CHECK(!wrong[1] && !wrong[2], "nodes with what they must not have: of %d %d open", wrong[0],
+              wrong[1]);
+        CHECK(right[1] == right[0] && !right[2], "at the ends of ranges: %d of %d open, and %d do "
+              "not sample", right[1], right[0], right[2]);
+        free(copy.block);
+    }
+    subject_free(&s);
+}
+
 /* Many words at once. */
 static void test_more_damage(int count)
 {
-    static const int places[] = { 0, 7, 14, 22, 94 };   /* cut, edge, child, weights, end */
+    static const int places[] = { CUT, EDGE, CHILD, WEIGHT, NODE };
     static const float special[] = { 0.0f, -0.0f, 1.0f, -1.0f };
     pcg32 random = pcg32_make(13, 0);
     int opened = 0, failed = 0, i, k;
@@ -1334,7 +1394,7 @@ static void test_more_damage(int count)
             memcpy(copy.buffer.data, s.f.kd, bytes);
             for (k = (int)(pcg32_next(&random) % 40); k >= 0; k--) {
                 const uint32_t kind = pcg32_next(&random) % 3;
-                const size_t node = pcg32_next(&random) % (words / 94);
+                const size_t node = pcg32_next(&random) % (words / NODE);
                 const uint32_t low = (uint32_t)places[kind < 2 ? kind : 3];
                 const uint32_t high = (uint32_t)places[kind < 2 ? kind + 1 : 4];
                 float value = special[pcg32_next(&random) % 4];
@@ -1342,7 +1402,7 @@ static void test_more_damage(int count)
                 if (pcg32_next(&random) % 2)
                     value = 2.0f * pcg32_float(&random) - 1.0f;
                 memcpy((char *)copy.buffer.data + first
-                       + 4 * (94 * node + low + pcg32_next(&random) % (high - low)),
+                       + 4 * (NODE * node + low + pcg32_next(&random) % (high - low)),
                        &value, sizeof value);
             }
             inside_seal(copy.buffer.data, bytes);
@@ -1381,6 +1441,7 @@ static void test_all_quickly(void)
         test_memory((envsamp_mapping)i);
         test_damage((envsamp_mapping)i);
     }
+    test_refusals();
     test_more_damage(4000);
 }
 
