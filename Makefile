@@ -31,8 +31,8 @@ SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
 LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh bits.sh fast_math.sh stack.sh) \
             $(addprefix $(BUILD)/test_, lights_lamps kd_statistics kd_fit halftone cdf kd_warp \
-              kd_exact kd_table bilinear coarse lights_cuts lights lights_decomposed kd_layout \
-              steps mapping placement)
+              kd_exact kd_facing kd_table bilinear coarse lights_cuts lights lights_decomposed \
+              kd_layout steps mapping placement)
 ORDERED  := $(filter $(TESTS) $(SCRIPTS),$(LONGEST)) $(filter-out $(LONGEST),$(TESTS) $(SCRIPTS))
 JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 

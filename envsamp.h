@@ -5154,8 +5154,10 @@ ENVSAMP__HOT int envsamp__facing_normal(const envsamp_kd *kd, const float normal
     return 1;
 }
 
-/* Weights of the parts of a node, lower and higher ones, and of pairs of them; 0 or more also in a
-   damaged table. */
+#define ENVSAMP__LEAST_WEIGHT 1e-30f    /* less than the rounding of what a lit part weighs */
+
+/* Weights of the parts of a node, lower and higher ones, and of pairs of them; 0 or more, and not
+   all 0, also in a damaged table. */
 typedef struct envsamp__weights { float part[2][4], pair[4]; } envsamp__weights;
 
 ENVSAMP__HOT void envsamp__facing_weigh(const envsamp__facing_node *node, const float n[9],
@@ -5176,8 +5178,10 @@ ENVSAMP__HOT void envsamp__facing_weigh(const envsamp__facing_node *node, const 
         }
         envsamp__sqrt_n(square, 4);
         for (i = 0; i < 4; i++)
-            w->part[k][i] = mean[i] + square[i] > 0.0f ? mean[i] + square[i] : 0.0f;
+            w->part[k][i] = mean[i] + square[i] > ENVSAMP__LEAST_WEIGHT ? mean[i] + square[i]
+                                                                        : 0.0f;
     }
+    w->part[1][3] += ENVSAMP__LEAST_WEIGHT;     /* the last: no number reaches it by that */
     for (i = 0; i < 4; i++)
         w->pair[i] = w->part[0][i] + w->part[1][i];
 }
@@ -5227,6 +5231,7 @@ ENVSAMP__HOT float envsamp__facing_warp(const envsamp_kd *kd, const float n[9], 
 
         f[axis] = envsamp__at_most(low + f[axis] * (high - low),
                                    envsamp__bits_float(envsamp__float_bits(high) - 1));
+        f[axis] = envsamp__clamp_unit(f[axis]);         /* of a damaged table, anything */
     }
     return envsamp__saturate(ratio) * envsamp__bits_float(link);
 }
@@ -5551,7 +5556,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
                                                         const float dir[3], float u[2])
 {
     const envsamp__facing_node *node;
-    float n[9], bound[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, sum[15];
+    float n[9], bound[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, sum[15], to[3];
     double start[2] = { 0.0, 0.0 }, size[2] = { 1.0, 1.0 };
     envsamp__weights w;
     uint32_t link, high, at;
@@ -5563,31 +5568,38 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
         return 0;
     if (!envsamp__facing_normal(kd, normal, n))
         return 1;
-    envsamp__density(kd, dir, &place);
+    to[0] = dir[0];
+    to[1] = dir[1] + 0.0f;              /* as kd_invert: at the seam -0 is 0 */
+    to[2] = dir[2];
+    envsamp__density(kd, to, &place);
     node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
     do {
         envsamp__facing_weigh(node, n, &w);
         for (i = 14; i >= 0; i--)
             sum[i] = i < 7 ? sum[2 * i + 1] + sum[2 * i + 2] : w.part[(i - 7) % 2][(i - 7) / 2];
         for (at = 0; at < 7; at = 2 * at + 1 + high) {
-            double low = (double)sum[2 * at + 1] / (double)sum[at];
+            double whole = envsamp__max((double)sum[at], (double)ENVSAMP__LEAST_WEIGHT);
+            double low = (double)sum[2 * at + 1] / whole;
 
             high = envsamp__is_high(node->edge[at], place);
             axis = envsamp__sign(node->cut[at]);
             start[axis] += high ? size[axis] * low : 0.0;
-            size[axis] *= high ? (double)sum[2 * at + 2] / (double)sum[at] : low;
+            size[axis] *= high ? (double)sum[2 * at + 2] / whole : low;
             bound[2 * axis + 1 - (int)high] = ENVSAMP_FABSF(node->cut[at]);
         }
         link = node->child[(at - 7) % 2][(at - 7) / 2];
         node = ENVSAMP__LINKED(envsamp__facing_node, kd, link);
     } while (link & ENVSAMP__INNER);
     for (axis = 0; axis < 2; axis++) {
-        double low = (double)bound[2 * axis], wide = (double)bound[2 * axis + 1] - low;
+        double low = (double)bound[2 * axis];
+        double wide = envsamp__max((double)bound[2 * axis + 1] - low,
+                                     1.0 / (double)ENVSAMP__UNIT);
         float end = (float)(start[axis] + size[axis]);
-        double to = start[axis] + size[axis] * (((double)u[axis] - low) / wide);
+        double f = ((double)u[axis] - low) / wide;
 
-        u[axis] = envsamp__at_most((float)to,
+        u[axis] = envsamp__at_most((float)(start[axis] + size[axis] * f),
                                    envsamp__bits_float(envsamp__float_bits(end) - 1));
+        u[axis] = envsamp__clamp_unit(u[axis]);
     }
     return 1;
 }

@@ -29,6 +29,16 @@ typedef struct library {
     int (*invert)(kind kind, const void *table, const float dir[3], float u[2]);
     void (*sample_n)(kind kind, const void *table, size_t n, float *const *of);
     void (*pdf_n)(kind kind, const void *table, size_t n, float *const *of);
+    envsamp_sample (*sample_facing)(const envsamp_kd *kd, const float normal[3], float u0,
+                                    float u1);
+    float (*pdf_facing)(const envsamp_kd *kd, const float normal[3], const float dir[3]);
+    int (*invert_facing)(const envsamp_kd *kd, const float normal[3], const float dir[3],
+                         float u[2]);
+    void (*sample_facing_n)(const envsamp_kd *kd, const float normal[3], size_t n,
+                            const float *u0, const float *u1, float *x, float *y, float *z,
+                            float *pdf);
+    void (*pdf_facing_n)(const envsamp_kd *kd, const float normal[3], size_t n, const float *x,
+                         const float *y, const float *z, float *pdf);
     envsamp_result (*get_block)(const envsamp_kd *kd, int index, envsamp_kd_block *block);
     void (*uv_to_dir)(envsamp_mapping mapping, float u, float v, float dir[3]);
     void (*dir_to_uv)(envsamp_mapping mapping, const float dir[3], float uv[2]);
@@ -72,6 +82,7 @@ static envsamp_result build(kind kind, const envsamp_image *map, envsamp_kd_desc
     desc.select = kind == WARP ? ENVSAMP_KD_WARP : kind == ALIAS ? ENVSAMP_KD_ALIAS
                                                                  : ENVSAMP_KD_FIT;
     desc.model = kind == POWER ? ENVSAMP_KD_POWER : ENVSAMP_KD_LOG;
+    desc.facing = kind == WARP;
     result = envsamp_kd_build(map, &desc, table, scratch, &kd);
     *made = kd;
     return result;
@@ -160,6 +171,8 @@ static const library reference =
 #endif
 {
     build, open_table, table_bytes, table_info, sample, pdf, invert, sample_n, pdf_n,
+    envsamp_kd_sample_facing, envsamp_kd_pdf_facing, envsamp_kd_invert_facing,
+    envsamp_kd_sample_facing_n, envsamp_kd_pdf_facing_n,
     envsamp_kd_get_block, envsamp_uv_to_dir, envsamp_dir_to_uv, envsamp_lookup, envsamp_mis_power,
     envsamp_halftone, envsamp_lights, envsamp_lights_interleave, envsamp_emissive_mask, envsamp_lm
 };
@@ -414,6 +427,93 @@ static int bad_densities(const made *t)
     return bad;
 }
 
+/* ---- samples that face a normal ---- */
+
+/* The normals of `special` numbers, and random bits. */
+static void make_normal(int index, float normal[3])
+{
+    int k, rest = index * 7;
+
+    for (k = 0; k < 3; k++, rest /= SPECIAL)
+        normal[k] = from_bits(index < TRIPLES / 8 ? special[rest % SPECIAL] : random_bits());
+}
+
+/* Whether a normal is one, by its bits. */
+static int is_normal(const float normal[3])
+{
+    float most = 0.0f;
+    int k, finite = 1;
+
+    for (k = 0; k < 3; k++) {
+        finite &= is_finite(normal[k]);
+        if (from_bits(to_bits(normal[k]) & 0x7fffffffu) > most)
+            most = from_bits(to_bits(normal[k]) & 0x7fffffffu);
+    }
+    return finite && to_bits(most) >= 0x00800000u;
+}
+
+/* Whether a sample, its density and its numbers are in their ranges; and, for no normal, those of
+   light alone. */
+static int good_facing(const envsamp_kd *kd, const float normal[3], float u0, float u1,
+                       const float dir[3])
+{
+    envsamp_sample s = under_test.sample_facing(kd, normal, u0, u1), alone;
+    float pdf = under_test.pdf_facing(kd, normal, dir), light, u[2], v[2];
+    int inverts = under_test.invert_facing(kd, normal, dir, u), good;
+
+    good = good_sample(&s) && is_size(pdf) && is_size(u[0]) && is_size(u[1]) && u[0] < 1.0f
+        && u[1] < 1.0f && (inverts || !(to_bits(u[0]) | to_bits(u[1])));
+    if (is_normal(normal))
+        return good;
+    alone = under_test.sample(WARP, kd, u0, u1);
+    light = under_test.pdf(WARP, kd, dir);
+    return good && to_bits(pdf) == to_bits(light) && !memcmp(&s, &alone, sizeof s)
+        && under_test.invert(WARP, kd, dir, v) == inverts && !memcmp(u, v, sizeof u);
+}
+
+enum { FACED = 60, NORMALS = 3000 };
+
+/* How many of them are no good, of all kinds of numbers, for normals of all kinds. */
+static int bad_facing(const envsamp_kd *kd)
+{
+    static float normal[3];
+    int bad = 0, i, k;
+
+    for (i = 0; i < NORMALS; i++) {
+        float *of[3];
+
+        make_normal(i * (TRIPLES / NORMALS), normal);
+        fill_inputs(FACED, 3, of, 0);
+        for (k = 0; k < FACED; k++) {
+            float dir[3];
+
+            if (k % 2) {
+                of[0][k] = from_bits(special[random_bits() % SPECIAL]);
+                of[1][k] = from_bits(special[random_bits() % SPECIAL]);
+                of[2][k] = random_unit();
+            }
+            dir[0] = of[0][k];
+            dir[1] = of[1][k];
+            dir[2] = of[2][k];
+            bad += !good_facing(kd, normal, of[0][k], of[1][k], dir);
+        }
+        under_test.pdf_facing_n(kd, normal, FACED, of[0], of[1], of[2], output[0]);
+        for (k = 0; k < FACED; k++)
+            bad += !is_size(output[0][k]);
+        under_test.sample_facing_n(kd, normal, FACED, of[0], of[1], of[0], of[1], of[2],
+                                   output[0]);
+        for (k = 0; k < FACED; k++) {
+            float dir[3];
+
+            dir[0] = of[0][k];
+            dir[1] = of[1][k];
+            dir[2] = of[2][k];
+            bad += !good_dir(dir) || !is_size(output[0][k]) || !(output[0][k] > 0.0f);
+        }
+    }
+    return bad;
+}
+
 /* ---- the law ---- */
 
 static int near_dir(const float *a, const float *b, double within)
@@ -477,6 +577,33 @@ static int deviations(const made *t)
     under_test.pdf_n(t->kind, t->table, DRAWS, at);
     for (i = 0; i < DRAWS; i++)
         off += !near((double)output[3][i], (double)u0[i], 1e-5);
+    return off;
+}
+
+/* How many of DRAWS samples that face normals, their densities and inverses are not those of the
+   reference. */
+static int facing_deviations(const envsamp_kd *kd)
+{
+    float normal[3] = { 1.0f, 0.0f, 0.0f };
+    int off = 0, i, k;
+
+    for (i = 0; i < DRAWS; i++) {
+        float u0 = random_unit(), u1 = random_unit(), u[2], v[2];
+        envsamp_sample s, r;
+
+        for (k = 0; k < 3 && i % 16 == 0; k++)
+            normal[k] = random_unit() - 0.5f;
+        s = under_test.sample_facing(kd, normal, u0, u1);
+        r = reference.sample_facing(kd, normal, u0, u1);
+        off += !near_dir(s.dir, r.dir, 1e-3) || !near((double)s.pdf, (double)r.pdf, 1e-2);
+        off += !near((double)under_test.pdf_facing(kd, normal, r.dir), (double)r.pdf, 1e-2);
+        if (!under_test.invert_facing(kd, normal, r.dir, u)
+            || !reference.invert_facing(kd, normal, r.dir, v))
+            off++;
+        else
+            off += !near((double)u[0] + 1.0, (double)v[0] + 1.0, 1e-3)
+                || !near((double)u[1] + 1.0, (double)v[1] + 1.0, 1e-3);
+    }
     return off;
 }
 
@@ -606,6 +733,30 @@ static void test_tables(void)
         CHECK(octant < 6.0 && excess < 6.0, "%s: law: octants %.1f, blocks %.1f deviations",
               name[k], octant, excess);
     }
+}
+
+/* Tables of WARP, at both ends of their region. */
+static void test_facing(void)
+{
+    int mapping, last, opened = 0, bad = 0, off = 0;
+
+    for (mapping = 0; mapping < 3; mapping++) {
+        envsamp_image map = make_map(mapping, 3);
+        envsamp_kd_desc desc = description(mapping & 1);
+        envsamp_kd_info info;
+        made t;
+
+        build_by(&reference, WARP, &map, &desc, &t);
+        for (last = 0; last < 2; last++) {
+            opened += move_table(&under_test, &t, last);
+            under_test.info(WARP, t.table, &info);
+            opened += info.facing != 0;
+            bad += bad_facing((const envsamp_kd *)t.table);
+            off += facing_deviations((const envsamp_kd *)t.table);
+        }
+    }
+    CHECK(opened == 12 && bad == 0, "%d samples that face normals of any numbers are no good", bad);
+    CHECK(off < 6 * 3 * DRAWS / 500, "%d of %d are not those of the reference", off, 6 * 3 * DRAWS);
 }
 
 /* ---- damaged tables ---- */
@@ -1039,6 +1190,7 @@ int main(void)
     for (i = 0; i < 3; i++)
         input_region[i] = make_region();
     test_tables();
+    test_facing();
     test_none();
     test_damage();
     test_points();

@@ -114,6 +114,59 @@ static void check_batches(const sampler *s, fuzz_input *in, int n, int in_place,
     fuzz_guard_free(&outputs);
 }
 
+/* As check_draw and check_pdf, of samples that face a normal. */
+static envsamp_sample check_facing(const envsamp_kd *kd, const float normal[3], float u0, float u1,
+                                   int whole)
+{
+    const envsamp_sample drawn = envsamp_kd_sample_facing(kd, normal, u0, u1);
+    const float pdf = envsamp_kd_pdf_facing(kd, normal, drawn.dir);
+    float u[2] = { -1.0f, -1.0f };
+
+    check_unit(drawn.dir);
+    check_density(drawn.pdf);
+    check_density(pdf);
+    FUZZ_CHECK(!whole || drawn.pdf > 0.0f);
+    FUZZ_CHECK(drawn.uv[0] >= 0.0f && drawn.uv[0] <= 1.0f);
+    FUZZ_CHECK(drawn.uv[1] >= 0.0f && drawn.uv[1] <= 1.0f);
+    if (!envsamp_kd_invert_facing(kd, normal, drawn.dir, u))
+        FUZZ_CHECK(u[0] == 0.0f && u[1] == 0.0f);
+    FUZZ_CHECK(u[0] >= 0.0f && u[0] < 1.0f && u[1] >= 0.0f && u[1] < 1.0f);
+    return drawn;
+}
+
+/* One normal, which may be none, and one batch, in memory that ends where it does. */
+static void check_normal(const envsamp_kd *kd, fuzz_input *in, int n, int whole)
+{
+    const size_t count = (size_t)n;
+    fuzz_guard inputs = fuzz_guard_make(2 * count * sizeof(float), 4, 0);
+    fuzz_guard outputs = fuzz_guard_make(4 * count * sizeof(float), 4, 0xff);
+    float *u = (float *)(void *)inputs.data, *out = (float *)(void *)outputs.data;
+    float normal[3], one[4 * BATCH] = { 0.0f };
+    int i, c;
+
+    fuzz_dir(in, normal);
+    for (i = 0; i < 2 * n; i++)
+        u[i] = i % 16 ? pcg32_float(&in->random) : fuzz_float(in);
+    for (i = 0; i < n; i++) {
+        const envsamp_sample drawn = check_facing(kd, normal, u[i], u[n + i], whole);
+
+        for (c = 0; c < 3; c++)
+            one[c * n + i] = drawn.dir[c];
+        one[3 * n + i] = drawn.pdf;
+    }
+    envsamp_kd_sample_facing_n(kd, normal, count, u, u + n, out, out + n, out + 2 * n, out + 3 * n);
+    FUZZ_CHECK(same_bits(out, one, 4 * count));
+    for (i = 0; i < n; i++) {
+        const float dir[3] = { out[i], out[n + i], out[2 * n + i] };
+
+        one[i] = envsamp_kd_pdf_facing(kd, normal, dir);
+    }
+    envsamp_kd_pdf_facing_n(kd, normal, count, out, out + n, out + 2 * n, u);
+    FUZZ_CHECK(same_bits(u, one, count));
+    fuzz_guard_free(&inputs);
+    fuzz_guard_free(&outputs);
+}
+
 /* Any directions, of which some are none. */
 static void check_densities(const sampler *s, fuzz_input *in, int n)
 {
@@ -176,6 +229,8 @@ static void check_nothing(const sampler *s)
     } else {
         envsamp_kd_sample_n(s->kd, 0, NULL, NULL, NULL, NULL, NULL, NULL);
         envsamp_kd_pdf_n(s->kd, 0, NULL, NULL, NULL, NULL);
+        envsamp_kd_sample_facing_n(s->kd, NULL, 0, NULL, NULL, NULL, NULL, NULL, NULL);
+        envsamp_kd_pdf_facing_n(s->kd, NULL, 0, NULL, NULL, NULL, NULL);
     }
 }
 
@@ -193,8 +248,11 @@ static void check_table(const sampler *s, fuzz_input *in, int whole)
     check_batches(s, in, n, n % 2, whole);
     check_nothing(s);
     check_densities(s, in, n);
-    if (s->request.kind != SAMPLER_CDF)
+    if (s->request.kind != SAMPLER_CDF) {
         check_blocks(s, in, whole);
+        check_normal(s->kd, in, n, whole);
+        check_normal(s->kd, in, 1 + n / 8, whole);
+    }
 }
 
 /* ---- requests for tables ---- */
@@ -223,6 +281,7 @@ static void request_kd(fuzz_input *in, envsamp_kd_desc *desc)
     desc->strict = fuzz_rarely(in, 8);
     if (fuzz_rarely(in, 3))
         desc->mis_compensation = fuzz_rarely(in, 4) ? fuzz_float(in) : fuzz_unit(in);
+    desc->facing = desc->select == ENVSAMP_KD_WARP && fuzz_rarely(in, 2);
     if (fuzz_rarely(in, 16)) {
         desc->facing = (int)fuzz_below(in, 2);
         desc->excess_target = fuzz_rarely(in, 2) ? fuzz_float(in) : 0.0f;
@@ -649,6 +708,7 @@ static request base_request(int index)
     r.kd_desc.select = r.cdf ? ENVSAMP_KD_WARP : (envsamp_kd_select)kind;
     r.kd_desc.nearest = r.cdf_desc.nearest = index / 12 % 2;
     r.kd_desc.model = (envsamp_kd_model)(index / 4 % 2);
+    r.kd_desc.facing = kind == SAMPLER_WARP && index / 4 % 2;
     r.map.image.width = large && r.cdf ? 64 : size[0];
     r.map.image.height = large && r.cdf ? 32 : size[1];
     r.map.image.channels = 1;

@@ -31,7 +31,7 @@ size_t inside_kd_at(const char *name)
         FIELD(grid_bits_y), FIELD(tile_bits_x), FIELD(tile_bits_y), FIELD(bilinear),
         FIELD(fit_end), FIELD(alias_at), FIELD(nodes_at), FIELD(grid_at),
         FIELD(integral), FIELD(alpha), FIELD(fit_alpha), FIELD(mis_compensation), FIELD(spare),
-        FIELD(criterion), { "end", sizeof(envsamp_kd) }
+        FIELD(criterion), FIELD(facing_count), FIELD(facing_at), { "end", sizeof(envsamp_kd) }
     };
 #undef FIELD
 
@@ -169,6 +169,84 @@ kd_warp_block kd_warp_at(const envsamp_kd *kd, double u0, double u1)
         b = above ? high : low;
     }
     return b;
+}
+
+/* ---- light x cosine ---- */
+
+/* Weights of a node's 8 parts at [7], and above them the sums of pairs. */
+static void facing_weights(const envsamp__facing_node *node, const double n[3], double sum[15])
+{
+    int i, k;
+
+    for (i = 0; i < 8; i++) {
+        const int side = i % 2, at = i / 2;
+        double mean = 0.0, square = 0.0;
+
+        for (k = 0; k < 3; k++) {
+            mean += n[k] * (double)node->mean[k][side][at];
+            square += n[k] * n[k] * (double)node->square[k][side][at];
+            square += n[k == 2] * n[k == 0 ? 1 : 2] * (double)node->square[3 + k][side][at];
+        }
+        sum[7 + i] = mean + sqrt(square);
+    }
+    for (i = 6; i >= 0; i--)
+        sum[i] = sum[2 * i + 1] + sum[2 * i + 2];
+}
+
+/* One side of a cut, which has `share` of the whole. */
+static inside_part facing_side(const inside_part *whole, float cut, int high, double share)
+{
+    const int axis = signbit(cut) ? 1 : 0;
+    inside_part part = *whole;
+
+    *(high ? &part.low[axis] : &part.high[axis]) = fabs((double)cut);
+    part.start[axis] += high ? (1.0 - share) * part.size[axis] : 0.0;
+    part.size[axis] *= share;
+    part.depth++;
+    return part;
+}
+
+int inside_facing(const envsamp_kd *kd, const double normal[3], int plain, inside_part *parts,
+                  int room)
+{
+    const inside_part all = { { 0.0, 0.0 }, { 1.0, 1.0 }, { 0.0, 0.0 }, { 1.0, 1.0 }, 1.0, 0, 0 };
+    int count = 0, next = 0, at, high;
+    inside_part tree[15];
+
+    memset(tree, 0, sizeof tree);
+    tree[0] = all;
+    tree[0].link = KD_LINK | kd->facing_at / 4;
+    while (kd->facing_count > 0) {
+        const envsamp__facing_node *node = ENVSAMP__LINKED(envsamp__facing_node, kd, tree[0].link);
+        double sum[15];
+
+        facing_weights(node, normal, sum);
+        for (at = 0; at < 7; at++) {
+            const int axis = signbit(node->cut[at]) ? 1 : 0;
+            double whole = sum[at], side = sum[2 * at + 2];
+
+            if (tree[at].depth == plain) {
+                whole = tree[at].high[axis] - tree[at].low[axis];
+                side = tree[at].high[axis] - fabs((double)node->cut[at]);
+            }
+            side = whole > 0.0 ? side / whole : 0.0;        /* of the higher one */
+            for (high = 0; high < 2; high++)
+                tree[2 * at + 1 + high] = facing_side(&tree[at], node->cut[at], high,
+                                                      high ? side : 1.0 - side);
+        }
+        for (at = 7; at < 15 && count < room; at++) {
+            tree[at].link = node->child[(at - 7) % 2][(at - 7) / 2];
+            tree[at].weight = sum[at];
+            if (tree[at].size[0] * tree[at].size[1] > 0.0)
+                parts[count++] = tree[at];
+        }
+        while (next < count && !(parts[next].link & KD_LINK))
+            next++;
+        if (next == count)
+            break;
+        tree[0] = parts[next++];
+    }
+    return count;
 }
 
 /* ---- ALIAS ---- */

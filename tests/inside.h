@@ -66,6 +66,24 @@ extern int kd_warp_blocks(const envsamp_kd *kd, kd_warp_block *blocks, int room)
 /* The block that draws (u0, u1), each in [0, 1). */
 extern kd_warp_block kd_warp_at(const envsamp_kd *kd, double u0, double u1);
 
+/* ---- light x cosine ---- */
+
+/* A part of the unit square that a node of `facing` names: from low to high as light alone draws
+   it, from `start` on and `size` wide in the numbers that come in, by weights that are computed in
+   double. Its share of them is size[0] size[1]. */
+typedef struct inside_part {
+    double low[2], high[2], start[2], size[2];
+    double weight;              /* of light x cosine, where the whole map's light is 1 */
+    uint32_t link;              /* stored: 1 over its area, or another node */
+    int depth;                  /* cuts above it */
+} inside_part;
+
+/* Parts for a normal of length 1, of which those without KD_LINK fill the unit square. `plain`: a
+   level of cuts, from 0, whose sides have the shares of light alone, or -1. Returns how many;
+   `room` at most. */
+extern int inside_facing(const envsamp_kd *kd, const double normal[3], int plain,
+                         inside_part *parts, int room);
+
 /* ---- ALIAS ---- */
 
 /* x0, x1, y0, y1 of a block as stored: ALIAS and FIT. */

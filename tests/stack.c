@@ -114,7 +114,8 @@ static void call_kd_sizes(void)
 
 static void call_kd_build(void)
 {
-    fails(envsamp_kd_build(&map, &kd_desc, table, scratch, &kd) != ENVSAMP_OK);
+    fails(envsamp_kd_build(&map, &kd_desc, table, scratch, &kd)
+          || envsamp_kd_build_rows(&map, give_row, &map, &kd_desc, table, scratch, &kd));
 }
 
 static void call_kd_steps(void)
@@ -158,6 +159,22 @@ static void call_kd_many(void)
 {
     envsamp_kd_sample_n(kd, N, u0, u1, x, y, z, pdf);
     envsamp_kd_pdf_n(kd, N, x, y, z, pdf);
+}
+
+static void call_kd_facing(void)
+{
+    const float normal[3] = { 0.6f, 0.0f, 0.8f };
+    int i;
+
+    for (i = 0; i < N; i++) {
+        envsamp_sample s = envsamp_kd_sample_facing(kd, normal, u0[i], u1[i]);
+        float u[2];
+
+        fails(!(s.pdf > 0.0f) || !(envsamp_kd_pdf_facing(kd, normal, s.dir) >= 0.0f)
+              || envsamp_kd_invert_facing(kd, normal, s.dir, u) > 1);
+    }
+    envsamp_kd_sample_facing_n(kd, normal, N, u0, u1, x, y, z, pdf);
+    envsamp_kd_pdf_facing_n(kd, normal, N, x, y, z, pdf);
 }
 
 static void call_cdf_sizes(void)
@@ -262,8 +279,8 @@ static void call_lm(void)
 /* ---- all of them ---- */
 
 enum {
-    MAPPING, KD_SIZES, KD_BUILD, KD_STEPS, KD_FACTS, KD_ONE, KD_MANY, CDF_SIZES, CDF_BUILD,
-    CDF_STEPS, CDF_FACTS, CDF_ONE, CDF_MANY, HALFTONE, LIGHTS, LIGHTS_MORE, LM, FAMILIES
+    MAPPING, KD_SIZES, KD_BUILD, KD_STEPS, KD_FACTS, KD_ONE, KD_MANY, KD_FACING, CDF_SIZES,
+    CDF_BUILD, CDF_STEPS, CDF_FACTS, CDF_ONE, CDF_MANY, HALFTONE, LIGHTS, LIGHTS_MORE, LM, FAMILIES
 };
 
 /* Functions, the most that one of them needed, and for what. */
@@ -276,11 +293,12 @@ static struct family {
 } families[FAMILIES] = {
     { "mapping and lookup", call_mapping, 0, 0, "" },
     { "kd: defaults, sizes", call_kd_sizes, 0, 0, "" },
-    { "kd: build", call_kd_build, 0, 0, "" },
+    { "kd: build, build_rows", call_kd_build, 0, 0, "" },
     { "kd: begin, step, finish", call_kd_steps, 0, 0, "" },
     { "kd: open, bytes, info, block", call_kd_facts, 0, 0, "" },
     { "kd: sample, pdf, invert", call_kd_one, 0, 0, "" },
     { "kd: sample_n, pdf_n", call_kd_many, 0, 0, "" },
+    { "kd: functions of facing", call_kd_facing, 0, 0, "" },
     { "cdf: defaults, sizes", call_cdf_sizes, 0, 0, "" },
     { "cdf: build", call_cdf_build, 0, 0, "" },
     { "cdf: begin, step, finish", call_cdf_steps, 0, 0, "" },
@@ -324,11 +342,12 @@ static void use_tables(int variant, int all)
     map.mapping = (envsamp_mapping)(variant >> 2);
     for (i = 0; i < count; i++) {
         kd_desc.select = (envsamp_kd_select)(i % 3);
+        kd_desc.facing = kd_desc.select == ENVSAMP_KD_WARP;
         kd_desc.criterion = (envsamp_kd_criterion)(i / 3 % 4);
         kd_desc.model = (envsamp_kd_model)(i / 12 % 2);
         kd_desc.objective = (envsamp_kd_objective)(i / 24);
         if (i < 12 || kd_desc.select == ENVSAMP_KD_FIT)
-            use(KD_SIZES, KD_MANY);
+            use(KD_SIZES, KD_FACING);
     }
     use(CDF_SIZES, CDF_MANY);
     use(MAPPING, MAPPING);

@@ -8,7 +8,7 @@ cc=${CC:-cc}
 tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
 kinds=address,undefined,float-divide-by-zero,float-cast-overflow
-subjects="kd_faults kd_table kd_layout kd_warp cdf lm halftone lights lights_cuts
+subjects="kd_faults kd_table kd_layout kd_warp kd_facing cdf lm halftone lights lights_cuts
           lights_decomposed fuzz"
 count=0
 
@@ -39,7 +39,7 @@ if [ $able = 1 ]; then
 fi
 for subject in $subjects; do
     count=$((count + 1))
-    case $subject in kd_warp | cdf | halftone | lights_cuts) quick=quick ;; *) quick= ;; esac
+    case $subject in kd_warp | kd_facing | cdf | halftone | lights_cuts) quick=quick ;; *) quick= ;; esac
     case $subject in halftone | lights*) folder=$tmp ;; *) folder=. ;; esac
     if [ $able = 0 ]; then
         echo "ok $count # SKIP $subject: $cc has no address sanitizer here"
