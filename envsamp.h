@@ -427,9 +427,10 @@ ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x
    or rough surface are spent below its horizon or at grazing angles. Every direction that
    envsamp_kd_sample can draw keeps a density above zero: results are unbiased for any integrand,
    and strata of u are kept. The table has to be built with `facing`, which takes 80 KB more.
-   normal: in the map's space, as directions are; of any length from 1e-37 to 1e38. For one of zero,
-     NaN or infinity, and for a table without the data (info: facing), these are the functions of
-     light alone, densities too.
+   normal: in the map's space, as directions are; of any length from 1e-37 to 1e38. For a glossy lobe
+     give the direction of its middle, the mirrored view, and use it in MIS with the BSDF: half the
+     error that the normal leaves. For one of zero, NaN or infinity, and for a table without the
+     data (info: facing), these are the functions of light alone, densities too.
    Time: a sample takes five times as long as of light alone, a density two to three times.
    Source: ours, after the idea of [21]: w of a part of the map is half the mean of the cosine over
    its light plus half the root of its mean square, with a quarter of the variance left out. */
@@ -5127,10 +5128,11 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
  * sample is one of light alone. Weights, sizes and rivals: bench/experiments.md.
  */
 
-/* A normal of length 1, and its products as facing_sum has them; 0 for what is none. */
+/* A normal, scaled so that nothing overflows, and its products as facing_sum has them; 0 for what is
+   none. Shares of weights do not depend on its length. */
 ENVSAMP__HOT int envsamp__facing_normal(const envsamp_kd *kd, const float normal[3], float n[9])
 {
-    float most = 0.0f, scale;
+    float most = 0.0f;
     int valid = kd->facing_count > 0, i;
 
     for (i = 0; i < 3; i++) {
@@ -5141,11 +5143,8 @@ ENVSAMP__HOT int envsamp__facing_normal(const envsamp_kd *kd, const float normal
     }
     if (!valid || !(most >= FLT_MIN))
         return 0;
-    for (i = 0; i < 3; i++)
-        n[i] = normal[i] / most;
-    scale = 1.0f / ENVSAMP_SQRTF(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
     for (i = 0; i < 3; i++) {
-        n[i] *= scale;
+        n[i] = normal[i] / most;
         n[3 + i] = n[i] * n[i];
     }
     n[6] = n[0] * n[1];
@@ -5370,7 +5369,7 @@ static void envsamp__sample_batch(const envsamp_kd *kd, const float *normal, siz
         u[i] = envsamp__clamp_unit(u0[i]);
         y[i] = envsamp__clamp_unit(u1[i]);
     }
-    for (i = 0; i < ENVSAMP__BATCH && normal; i++) {
+    for (i = 0; i < (int)n && normal; i++) {
         float f[2] = { u[i], y[i] };
 
         ratio[i] = envsamp__facing_warp(kd, normal, f);
@@ -5383,7 +5382,7 @@ static void envsamp__sample_batch(const envsamp_kd *kd, const float *normal, siz
         envsamp__indexed_batch(kd, 1, u, &batch);
     else
         envsamp__indexed_batch(kd, 0, u, &batch);
-    for (i = 0; i < ENVSAMP__BATCH && normal; i++)
+    for (i = 0; i < (int)n && normal; i++)
         batch.at[3 * ENVSAMP__BATCH + i] = envsamp__at_most(batch.at[3 * ENVSAMP__BATCH + i]
                                                             * ratio[i], FLT_MAX);
     envsamp__point_dirs(kd->mapping, ENVSAMP__BATCH, batch.at, u, y, z);
@@ -5442,7 +5441,7 @@ static void envsamp__pdf_batch(const envsamp_kd *kd, const float *normal, size_t
         link[i] = envsamp__grid_link(kd, d, &place[i]);
     }
     envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
-    for (i = 0; i < ENVSAMP__BATCH && normal; i++)
+    for (i = 0; i < (int)n && normal; i++)
         if (link[i])
             link[i] = envsamp__float_bits(envsamp__facing_density(kd, normal, place[i],
                                                                   envsamp__bits_float(link[i])));
