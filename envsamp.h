@@ -427,9 +427,9 @@ ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x
    or rough surface are spent below its horizon or at grazing angles. Every direction that
    envsamp_kd_sample can draw keeps a density above zero: results are unbiased for any integrand,
    and strata of u are kept. The table has to be built with `facing`, which takes 80 KB more.
-   normal: in the map's space, as directions are; of any length from 1e-37 to 1e38. For a glossy lobe
-     give the direction of its middle, the mirrored view, and use it in MIS with the BSDF: half the
-     error that the normal leaves. For one of zero, NaN or infinity, and for a table without the
+   normal: in the map's space, as directions are; of any length from 1e-37 to 1e38. For a glossy
+     lobe give the direction of its middle, the mirrored view, and use it in MIS with the BSDF: half
+     the error that the normal leaves. For one of zero, NaN or infinity, and for a table without the
      data (info: facing), these are the functions of light alone, densities too.
    Time: a sample takes five times as long as of light alone, a density two to three times.
    Source: ours, after the idea of [21]: w of a part of the map is half the mean of the cosine over
@@ -5128,8 +5128,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
  * sample is one of light alone. Weights, sizes and rivals: bench/experiments.md.
  */
 
-/* A normal, scaled so that nothing overflows, and its products as facing_sum has them; 0 for what is
-   none. Shares of weights do not depend on its length. */
+/* A normal, scaled so that nothing overflows, and its products as facing_sum has them; 0 for what
+   is none. Shares of weights do not depend on its length. */
 ENVSAMP__HOT int envsamp__facing_normal(const envsamp_kd *kd, const float normal[3], float n[9])
 {
     float most = 0.0f;
