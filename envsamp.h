@@ -6797,6 +6797,8 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
  * the integral I of luminance: it stands for a solid angle of I/K over its luminance, and that
  * times its radiance is its irradiance. A texel with several times I/K is chosen several times; on
  * other texels, as in a halftone for print, these lights would shine from beside a sun.
+ *
+ * The other methods cut the map into regions: a light is the sum of one, or of the nearest of many.
  * ========================================================================================== */
 
 /* Solid angle of a texel of each row. A difference of cosines as a product: nothing cancels. */
@@ -6819,37 +6821,90 @@ static float envsamp__to_float(double value)
     return value < (double)FLT_MAX ? (float)value : FLT_MAX;
 }
 
-/* ---- patches ----
- *
- * Cuts and relaxation read sums over patches of some texels, each of which shines from its middle.
- */
-
-#define ENVSAMP__PATCHES_MAX 256    /* each way, of cuts, */
-#define ENVSAMP__PIECE_PATCHES 128  /* and of pieces */
+#define ENVSAMP__PATCHES_MAX 256    /* each way; a patch is of some texels */
+#define ENVSAMP__PIECE_PATCHES 128  /* the same with RELAXED */
+#define ENVSAMP__LINES_MAX 512      /* rows or columns of patches, or of texels of one patch */
+#define ENVSAMP__BINS 65536         /* of luminance */
 
 /* Sums over texels by solid angle: luminance, luminance x direction, channels; and solid angle. */
 typedef struct envsamp__patch { double luminance, v[3], rgb[3], sr; } envsamp__patch;
-
-typedef struct envsamp__patches {
-    const envsamp_image *image;
-    const envsamp__pixels *pixels;
-    envsamp__patch *at;
-    int wide, tall;             /* of a patch, in texels; */
-    int across, down;           /* how many there are */
-    double *azimuth, *polar;    /* of columns, rows: see envsamp__fill_angles */
-    const uint8_t *labels;      /* of all texels; NULL: every texel counts, */
-    uint8_t label;              /* else those of this label do */
-} envsamp__patches;
 
 /* A rectangle of texels: whole patches, or within one. */
 typedef struct envsamp__region {
     uint16_t x0, y0, x1, y1;
     int copies;                 /* lights that share it, where it cannot be cut */
-    int light;                  /* RELAXED: the nearest */
-    double key;                 /* the next to be cut has the largest; below 0: cannot be cut */
-    double spread, extent;      /* DECOMPOSED: standard deviation x solid angle, longer side */
+    int light;                  /* of a piece: the nearest light */
+    double deviation;           /* DECOMPOSED: standard deviation x solid angle; below 0: not yet
+                                   known */
     envsamp__patch sum;
 } envsamp__region;
+
+#define ENVSAMP__POINTS 8       /* pieces that are looked at together: a constant, so that compilers
+                                   vectorise at -O2 too */
+#define ENVSAMP__POINT_GROUPS(points) (((size_t)(points) + ENVSAMP__POINTS - 1) / ENVSAMP__POINTS)
+
+/* Directions and shares of pieces or lights; after the last the shares are 0. */
+typedef struct envsamp__points {
+    float x[ENVSAMP__POINTS], y[ENVSAMP__POINTS], z[ENVSAMP__POINTS], weight[ENVSAMP__POINTS];
+} envsamp__points;
+
+/* A light while it moves. */
+typedef struct envsamp__mover {
+    float axis[3];              /* its direction, */
+    float next[3];              /* the same after a step, without momentum, */
+    float best[3];              /* and where the energy was least */
+    int held;                   /* pieces that are nearest to it, */
+    envsamp__patch sum;         /* and their sums */
+    double weight, best_weight; /* now, and where the energy was least */
+    double toward[3];           /* sum of share x direction / chord over the pieces, */
+    double chord, lights_chord; /* and of share x chord, over the pieces and over the lights */
+    int tried;                  /* another was sent to it in vain */
+} envsamp__mover;
+
+typedef struct envsamp__lights {
+    const envsamp_image *image;
+    const envsamp_lights_desc *desc;
+    envsamp_lights_method method;
+    envsamp__pixels pixels;
+    envsamp_lights_info info;
+
+    envsamp__halftone halftone; /* HALFTONE and RANDOM */
+    envsamp_halftone_desc halftone_desc;
+    envsamp_texel *texels;      /* that were chosen, or on which EnvDirects stand */
+
+    int wide, tall;             /* of a patch, in texels; */
+    int across, down;           /* how many there are */
+    double *azimuth, *polar;    /* see envsamp__fill_angles; NULL: no tables */
+    envsamp__patch *patches;
+    envsamp__patch total;       /* of all texels of the lights so far */
+    envsamp__patch *line;       /* 2 x ENVSAMP__LINES_MAX */
+    envsamp_lights_method rule; /* how regions are cut; ENVSAMP__SHARED: not at all */
+    envsamp__heap heap;         /* of regions, by key */
+    envsamp__region *regions;
+    int count;
+    int most;                   /* pieces at most */
+    double weight[3];           /* DECOMPOSED: of terms in a key */
+
+    int made;                   /* lights that move, or EnvDirects */
+    envsamp__mover *movers;
+    envsamp__points *points;    /* the pieces again, for loops over many of them, */
+    envsamp__points *places;    /* and the lights */
+    float *reach;               /* squared chord of each piece to its light */
+    double energy;              /* the least found */
+
+    int label;                  /* the texels that count; ENVSAMP__ANY: all */
+    uint8_t *labels;            /* DECOMPOSED: of all texels */
+    float *map;                 /* their luminance, row after row */
+    double *bins;               /* solid angle by luminance */
+    double dim[2], bright[2];   /* luminance and solid angle of texels up to the threshold, and
+                                   above it */
+    float threshold;            /* L_T */
+} envsamp__lights;
+
+enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE, ENVSAMP__ANY };     /* labels */
+#define ENVSAMP__SHARED ENVSAMP_LIGHTS_HALFTONE
+
+/* ---- sums ---- */
 
 static double envsamp__dot(const double a[3], const double b[3])
 {
@@ -6867,85 +6922,60 @@ static int envsamp__normalise(const double v[3], float dir[3])
     return length > 0.0;
 }
 
-/* Sine and cosine of the azimuth or polar angle in the middle of every column or row of texels,
-   then of patches; of an OCTAHEDRAL map u or v. `turns`: the range of angles, in half turns. */
-static void envsamp__fill_angles(const envsamp__patches *p, double *angle, int texels, int side,
-                                 double turns)
+/* Sine and cosine of the azimuth or polar angle after every half of a column or row of texels.
+   `turns`: the range of angles, in half turns. */
+static void envsamp__fill_angles(double *angle, int texels, double turns)
 {
-    int count = texels + (texels + side - 1) / side, i;
+    int i;
 
-    for (i = 0; i < count; i++, angle += 2) {
-        int from = i < texels ? i : (i - texels) * side;
-        int to = i < texels ? i + 1 : envsamp__min(from + side, texels);
-
-        if (p->image->mapping == ENVSAMP_OCTAHEDRAL)
-            angle[0] = 0.5 * (double)(from + to) / (double)texels;
-        else
-            envsamp__sincos_pi(0.5 * turns * (double)(from + to) / (double)texels, &angle[0],
-                               &angle[1]);
-    }
+    for (i = 0; i <= 2 * texels; i++)
+        envsamp__sincos_pi(0.5 * turns * (double)i / (double)texels, &angle[2 * i],
+                           &angle[2 * i + 1]);
 }
 
-/* Direction of the middle of a texel, or, beyond those, of a patch. */
-static void envsamp__table_dir(const envsamp__patches *p, int column, int row, double dir[3])
+/* Direction of a point of the map, in halves of texels. */
+static void envsamp__map_dir(const envsamp__lights *l, int x, int y, double dir[3])
 {
-    const double *azimuth = p->azimuth + 2 * column, *polar = p->polar + 2 * row;
     float at[3];
-    int c;
 
-    if (p->image->mapping != ENVSAMP_OCTAHEDRAL) {
-        dir[0] = azimuth[1] * polar[0];
-        dir[1] = azimuth[0] * polar[0];
-        dir[2] = polar[1];
-        return;
-    }
-    envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, (float)azimuth[0], (float)polar[0], at);
-    for (c = 0; c < 3; c++)
-        dir[c] = (double)at[c];
-}
-
-/* Steps from (x, y) to the next texel of a rectangle that counts, row after row, from the one
-   before its first; returns 0 after the last. */
-static int envsamp__next_texel(const envsamp__patches *p, const envsamp__region *r, int *x, int *y)
-{
-    for (;;) {
-        if (++*x == r->x1) {
-            *x = r->x0;
-            if (++*y == r->y1)
-                return 0;
-        }
-        if (!p->labels
-            || p->labels[(size_t)*y * (size_t)p->image->width + (size_t)*x] == p->label)
-            return 1;
+    if (l->azimuth) {
+        dir[0] = l->azimuth[2 * x + 1] * l->polar[2 * y];
+        dir[1] = l->azimuth[2 * x] * l->polar[2 * y];
+        dir[2] = l->polar[2 * y + 1];
+    } else {
+        envsamp_uv_to_dir(l->image->mapping, (float)(0.5 * (double)x / (double)l->image->width),
+                          (float)(0.5 * (double)y / (double)l->image->height), at);
+        dir[0] = (double)at[0];
+        dir[1] = (double)at[1];
+        dir[2] = (double)at[2];
     }
 }
 
-/* Adds channels that shine from a direction. */
-static void envsamp__add_light(const envsamp_image *image, const double rgb[3], double sr,
-                               const double dir[3], envsamp__patch *sum)
+/* Adds channels, which are sums by solid angle, that shine from a point of the map. */
+static void envsamp__add_light(const envsamp__lights *l, int x, int y, const double rgb[3],
+                               double sr, envsamp__patch *sum)
 {
-    double luminance = envsamp__luminance(rgb, image->channels);
+    double luminance = envsamp__luminance(rgb, l->image->channels), dir[3];
     int c;
 
+    envsamp__map_dir(l, x, y, dir);
     sum->sr += sr;
     sum->luminance += luminance;
     for (c = 0; c < 3; c++) {
         sum->v[c] += luminance * dir[c];
-        sum->rgb[c] += rgb[image->channels == 1 ? 0 : c];
+        sum->rgb[c] += rgb[l->image->channels == 1 ? 0 : c];
     }
 }
 
-static void envsamp__add_texel_light(const envsamp__patches *p, int x, int y,
-                                     envsamp__patch *sum)
+static void envsamp__add_texel(const envsamp__lights *l, int x, int y, envsamp__patch *sum)
 {
-    double rgb[3], dir[3], sr = p->pixels->row_sr[y];
+    double rgb[3], sr = l->pixels.row_sr[y];
     int c;
 
-    envsamp__texel_value(p->image, x, y, rgb);
+    envsamp__texel_value(l->image, x, y, rgb);
     for (c = 0; c < 3; c++)
         rgb[c] *= sr;
-    envsamp__table_dir(p, x, y, dir);
-    envsamp__add_light(p->image, rgb, sr, dir, sum);
+    envsamp__add_light(l, 2 * x + 1, 2 * y + 1, rgb, sr, sum);
 }
 
 /* Adds a patch to a sum: copies of both, and no loops, so that compilers vectorise at -O2. */
@@ -6963,12 +6993,28 @@ static void envsamp__add_patch(const envsamp__patch *patch, envsamp__patch *sum)
     sum->sr = b.sr + a.sr;
 }
 
+/* Steps from (x, y) to the next texel of a rectangle that counts, row after row, from the one
+   before its first; returns 0 after the last. */
+static int envsamp__next_texel(const envsamp__lights *l, const envsamp__region *r, int *x, int *y)
+{
+    for (;;) {
+        if (++*x == r->x1) {
+            *x = r->x0;
+            if (++*y == r->y1)
+                return 0;
+        }
+        if (l->label == ENVSAMP__ANY
+            || l->labels[(size_t)*y * (size_t)l->image->width + (size_t)*x] == l->label)
+            return 1;
+    }
+}
+
 /* Sums of the channels of at most ENVSAMP__CHUNK columns between two rows by solid angle, and that.
    Returns how many pixels are bad. */
-static size_t envsamp__sum_texel_columns(const envsamp__patches *p, int x, int count, int y0,
+static size_t envsamp__sum_texel_columns(const envsamp__lights *l, int x, int count, int y0,
                                          int y1, double *sum, double *sr)
 {
-    int channels = p->image->channels, y, i, end;
+    int channels = l->image->channels, y, i;
     float mended[4 * ENVSAMP__CHUNK];
     double whole = 0.0;
     size_t bad = 0;
@@ -6976,31 +7022,39 @@ static size_t envsamp__sum_texel_columns(const envsamp__patches *p, int x, int c
     ENVSAMP_MEMSET(sum, 0, (size_t)(channels * count) * sizeof *sum);
     ENVSAMP_MEMSET(sr, 0, (size_t)count * sizeof *sr);
     for (y = y0; y < y1; y++) {
-        const uint8_t *label = p->labels ? p->labels + (size_t)y * (size_t)p->image->width
-                                           + (size_t)x : NULL;
-        double row_sr = p->pixels->row_sr[y];
-        const float *from = NULL;
+        const uint8_t *label = l->label == ENVSAMP__ANY ? NULL
+                             : l->labels + (size_t)y * (size_t)l->image->width + (size_t)x;
+        int mixed = label && ENVSAMP_MEMCMP(label, label + 1, (size_t)count - 1) != 0;
+        double row_sr = l->pixels.row_sr[y];
+        const float *from;
 
-        for (i = 0; i < count; i = end) {       /* runs of texels that count */
-            while (label && i < count && label[i] != p->label)
-                i++;
-            for (end = label ? i : count; end < count && label[end] == p->label; )
-                end++;
-            if (!from && i < end)
-                from = envsamp__read_pixels(envsamp__pixel_at(p->image, x, y), channels, count,
-                                             mended, &bad);
-            if (i < end)
-                envsamp__add_floats(from + i * channels, channels * (end - i), row_sr,
-                                    sum + i * channels);
-            whole += end - i == count ? row_sr : 0.0;
-            for (; i < end && end - i < count; i++)
-                sr[i] += row_sr;
+        if (label && !mixed && *label != l->label)
+            continue;
+        from = envsamp__read_pixels(envsamp__pixel_at(l->image, x, y), channels, count, mended,
+                                    &bad);
+        if (!mixed) {
+            envsamp__add_floats(from, channels * count, row_sr, sum);
+            whole += row_sr;
         }
+        for (i = 0; i < count && mixed; i++)
+            if (label[i] == l->label) {
+                envsamp__add_floats(from + i * channels, channels, row_sr, sum + i * channels);
+                sr[i] += row_sr;
+            }
     }
     for (i = 0; i < count; i++)
         sr[i] += whole;
     return bad;
 }
+
+/* ---- regions ----
+ *
+ * A rectangle is cut in two, again and again: that with the largest key first. MEDIAN_CUT: that of
+ * most luminance, across its longer side, into equal halves [16]. VARIANCE_CUT: that of the largest
+ * spread, luminance x squared distance from the centroid, where the spreads of the halves are least
+ * [17]. DECOMPOSED, RELAXED: see there; across the longer side in its middle. Sums are never
+ * differences, so nothing cancels.
+ */
 
 /* How long a rectangle is on the sphere, across or down, in half turns. */
 static double envsamp__extent(const envsamp_image *image, const envsamp__region *r, int down)
@@ -7015,287 +7069,200 @@ static double envsamp__extent(const envsamp_image *image, const envsamp__region 
     return 2.0 * sine * (double)(r->x1 - r->x0) / (double)image->width;
 }
 
-/* ---- cuts ----
- *
- * A rectangle is cut in two, again and again: that with the largest key first. MEDIAN_CUT: that of
- * most luminance, across its longer side, into equal halves [16]. VARIANCE_CUT: that of the largest
- * spread, luminance x squared distance from the centroid, where the spreads of the halves are least
- * [17]. DECOMPOSED, RELAXED: see there; across the longer side in its middle. Sums are never
- * differences, so nothing cancels.
- */
-
-typedef struct envsamp__cuts {
-    envsamp__patches patches;
-    envsamp_lights_method rule;
-    envsamp__region *regions;       /* a heap by key */
-    int count;
-    double *sum;                    /* 5 x ENVSAMP__CHUNK: of columns of texels */
-    envsamp__patch *line;           /* 2 x ENVSAMP__PATCHES_MAX: of rows or columns of patches */
-    double weight[3];               /* DECOMPOSED: of spread, extent and luminance in a key */
-} envsamp__cuts;
-
-/* For `most` regions. A patch has as few texels as the largest number of patches each way
-   allows; it is narrower where that leaves few. */
-static void envsamp__cuts_carve(envsamp__cuts *cuts, const envsamp__pixels *pixels,
-                                envsamp_lights_method rule, int most, envsamp__arena *arena)
-{
-    int side = rule == ENVSAMP_LIGHTS_RELAXED ? ENVSAMP__PIECE_PATCHES : ENVSAMP__PATCHES_MAX;
-    const envsamp_image *image = pixels->image;
-    envsamp__patches *p = &cuts->patches;
-
-    p->image = image;
-    p->pixels = pixels;
-    for (p->wide = 1; envsamp__max_int(image->width, image->height) > side * p->wide; )
-        p->wide *= 2;
-    for (p->tall = p->wide; p->tall > 1 && image->height <= side / 4 * p->tall; )
-        p->tall /= 2;
-    while (p->wide > 1 && image->width <= side / 4 * p->wide)
-        p->wide /= 2;
-    p->across = (image->width + p->wide - 1) / p->wide;
-    p->down = (image->height + p->tall - 1) / p->tall;
-    p->at = ENVSAMP__TAKE(envsamp__patch, arena, p->across * p->down);
-    p->azimuth = ENVSAMP__TAKE(double, arena, 2 * (image->width + p->across));
-    p->polar = ENVSAMP__TAKE(double, arena, 2 * (image->height + p->down));
-    cuts->rule = rule;
-    cuts->regions = ENVSAMP__TAKE(envsamp__region, arena, most);
-    cuts->sum = ENVSAMP__TAKE(double, arena, 5 * ENVSAMP__CHUNK);
-    cuts->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__PATCHES_MAX);
-}
-
-static envsamp__region envsamp__make_region(const envsamp__cuts *cuts, int x0, int y0, int x1,
-                                            int y1)
-{
-    const envsamp__patches *p = &cuts->patches;
-    double square = 0.0;
-    envsamp__region r;
-    int x, y;
-
-    ENVSAMP_MEMSET(&r, 0, sizeof r);
-    r.x0 = (uint16_t)x0;
-    r.y0 = (uint16_t)y0;
-    r.x1 = (uint16_t)x1;
-    r.y1 = (uint16_t)y1;
-    r.copies = 1;
-    if ((x1 - x0 < p->wide && x1 < p->image->width) || (y1 - y0 < p->tall && y1 < p->image->height)
-        || x0 % p->wide || y0 % p->tall) {
-        for (x = x0 - 1, y = y0; envsamp__next_texel(p, &r, &x, &y); )
-            envsamp__add_texel_light(p, x, y, &r.sum);
-        return r;
-    }
-    for (y = y0 / p->tall; y * p->tall < y1; y++)
-        for (x = x0 / p->wide; x * p->wide < x1; x++) {
-            const envsamp__patch *patch = &p->at[y * p->across + x];
-
-            envsamp__add_patch(patch, &r.sum);
-            if (cuts->rule == ENVSAMP_LIGHTS_DECOMPOSED && patch->sr > 0.0)
-                square += patch->luminance * patch->luminance / patch->sr;
-        }
-    if (cuts->rule != ENVSAMP_LIGHTS_DECOMPOSED)
-        return r;
-    square = square * r.sum.sr - r.sum.luminance * r.sum.luminance;
-    r.spread = ENVSAMP_SQRT(envsamp__max(square, 0.0));
-    r.extent = envsamp__max(envsamp__extent(p->image, &r, 0), envsamp__extent(p->image, &r, 1));
-    return r;
-}
-
 static double envsamp__spread(const envsamp__patch *sum)
 {
     return sum->luminance > 0.0
          ? envsamp__max(sum->luminance - envsamp__dot(sum->v, sum->v) / sum->luminance, 0.0) : 0.0;
 }
 
-static void envsamp__set_key(const envsamp__cuts *cuts, envsamp__region *r)
+/* DECOMPOSED: V, standard deviation x solid angle; D, longer side; E, luminance. */
+static void envsamp__region_terms(const envsamp__lights *l, envsamp__region *r, double term[3])
 {
-    int wide = cuts->patches.wide, tall = cuts->patches.tall;
+    double square = 0.0;
+    int x, y;
+
+    for (y = r->y0 / l->tall; r->deviation < 0.0 && y * l->tall < r->y1; y++)
+        for (x = r->x0 / l->wide; x * l->wide < r->x1; x++) {
+            const envsamp__patch *patch = &l->patches[y * l->across + x];
+
+            if (patch->sr > 0.0)
+                square += patch->luminance * patch->luminance / patch->sr;
+        }
+    if (r->deviation < 0.0) {
+        square = square * r->sum.sr - r->sum.luminance * r->sum.luminance;
+        r->deviation = ENVSAMP_SQRT(envsamp__max(square, 0.0));
+    }
+    term[0] = r->deviation;
+    term[1] = envsamp__max(envsamp__extent(l->image, r, 0), envsamp__extent(l->image, r, 1));
+    term[2] = r->sum.luminance;
+}
+
+/* The region to be cut next has the largest; below 0: it cannot be cut. */
+static double envsamp__region_key(const envsamp__lights *l, envsamp__region *r)
+{
+    double share = r->sum.luminance / (double)r->copies, term[3];
     int width = r->x1 - r->x0, height = r->y1 - r->y0;
 
-    r->key = r->sum.luminance / (double)r->copies;
-    if (cuts->rule == ENVSAMP_LIGHTS_VARIANCE_CUT)
-        r->key = 1e-9 * r->key + envsamp__spread(&r->sum) / (double)r->copies;
-    else if (cuts->rule == ENVSAMP_LIGHTS_DECOMPOSED)
-        r->key = width <= wide && height <= tall ? -1.0 : cuts->weight[0] * r->spread
-               + cuts->weight[1] * r->extent + cuts->weight[2] * r->sum.luminance;
-    else if (cuts->rule == ENVSAMP_LIGHTS_RELAXED && width == 1 && height == 1)
-        r->key = -1.0;
-    else if (cuts->rule == ENVSAMP_LIGHTS_RELAXED && (width > 8 * wide || height > 8 * tall))
-        r->key = DBL_MAX;
-}
-
-static void envsamp__sink_region(envsamp__cuts *cuts, int i)
-{
-    envsamp__region moved = cuts->regions[i];
-    int child;
-
-    for (; (child = 2 * i + 1) < cuts->count; i = child) {
-        if (child + 1 < cuts->count && cuts->regions[child + 1].key > cuts->regions[child].key)
-            child++;
-        if (cuts->regions[child].key <= moved.key)
-            break;
-        cuts->regions[i] = cuts->regions[child];
+    switch (l->rule) {
+    case ENVSAMP_LIGHTS_VARIANCE_CUT:
+        return 1e-9 * share + envsamp__spread(&r->sum) / (double)r->copies;
+    case ENVSAMP_LIGHTS_DECOMPOSED:
+        envsamp__region_terms(l, r, term);
+        return width > l->wide || height > l->tall ? envsamp__dot(l->weight, term) : -1.0;
+    case ENVSAMP_LIGHTS_RELAXED:
+        if (width > 8 * l->wide || height > 8 * l->tall)
+            return DBL_MAX;
+        return width > 1 || height > 1 ? share : -1.0;
+    default:
+        return share;
     }
-    cuts->regions[i] = moved;
 }
 
-/* Makes a heap of regions by other keys. */
-static void envsamp__sort_regions(envsamp__cuts *cuts)
+/* Makes the heap of regions, by keys of a rule. */
+static void envsamp__sort_regions(envsamp__lights *l, envsamp_lights_method rule)
 {
     int i;
 
-    for (i = cuts->count; i-- > 0; ) {
-        envsamp__set_key(cuts, &cuts->regions[i]);
-        envsamp__sink_region(cuts, i);
-    }
+    l->rule = rule;
+    l->heap.count = 0;
+    for (i = 0; i < l->count; i++)
+        envsamp__heap_push(&l->heap, envsamp__region_key(l, &l->regions[i]), (uint32_t)i, 0);
 }
 
-/* Cuts a region across x, or y, where that is best and both parts have more than 1e-9 of its
-   luminance. Returns the cost: how far the parts are from equal, or the sum of their spreads; -1 if
-   there is nowhere to cut. */
-static double envsamp__best_cut(const envsamp__cuts *cuts, const envsamp__region *r, int down,
-                                envsamp__region parts[2])
+/* Sums of `count` rows or columns of a region: of patches, or of texels. */
+static void envsamp__sum_lines(const envsamp__lights *l, const envsamp__region *r, int texels,
+                               int down, int count, envsamp__patch *line)
 {
-    const envsamp__patches *p = &cuts->patches;
-    int x0 = r->x0 / p->wide, y0 = r->y0 / p->tall, side = down ? p->tall : p->wide, x, y, i;
-    int count = ((down ? r->y1 - r->y0 : r->x1 - r->x0) + side - 1) / side, at = 0;
-    envsamp__patch *line = cuts->line, *after = line + ENVSAMP__PATCHES_MAX, before;
-    double best = -1.0, least = 1e-9 * r->sum.luminance;
+    int x0 = r->x0 / l->wide, y0 = r->y0 / l->tall, x, y;
 
     ENVSAMP_MEMSET(line, 0, (size_t)count * sizeof *line);
-    for (y = y0; y * p->tall < r->y1; y++)
-        for (x = x0; x * p->wide < r->x1; x++)
-            envsamp__add_patch(&p->at[y * p->across + x], &line[down ? y - y0 : x - x0]);
-    ENVSAMP_MEMCPY(after, line, (size_t)count * sizeof *line);
-    for (i = count - 1; i-- > 0; )
-        envsamp__add_patch(&after[i + 1], &after[i]);
-    parts[0] = parts[1] = *r;
-    before = line[0];
-    for (i = 1; i < count; envsamp__add_patch(&line[i++], &before)) {
-        double cost = cuts->rule == ENVSAMP_LIGHTS_MEDIAN_CUT
-                    ? ENVSAMP__FABS(before.luminance - after[i].luminance)
-                    : envsamp__spread(&before) + envsamp__spread(&after[i]);
-
-        if (before.luminance > least && after[i].luminance > least
-            && (best < 0.0 || cost < best)) {
-            best = cost;
-            at = i * side;
-            parts[0].sum = before;
-            parts[1].sum = after[i];
-        }
-    }
-    if (down)
-        parts[0].y1 = parts[1].y0 = (uint16_t)(r->y0 + at);
-    else
-        parts[0].x1 = parts[1].x0 = (uint16_t)(r->x0 + at);
-    return best;
+    for (x = r->x0 - 1, y = r->y0; texels && envsamp__next_texel(l, r, &x, &y); )
+        envsamp__add_texel(l, x, y, &line[down ? y - r->y0 : x - r->x0]);
+    for (y = y0; !texels && y * l->tall < r->y1; y++)
+        for (x = x0; x * l->wide < r->x1; x++)
+            envsamp__add_patch(&l->patches[y * l->across + x], &line[down ? y - y0 : x - x0]);
 }
 
-/* Cuts a region where that is best, unless there is no way to; then returns 0. */
-static int envsamp__cut_region(const envsamp__cuts *cuts, envsamp__region *r,
-                               envsamp__region *rest)
+/* Cuts a region where the cost is least: how far the parts are from equal in luminance or number of
+   lines, or the sum of their spreads. Cuts, both of whose parts have more than 1e-9 of its
+   luminance, try the other axis where there is none, VARIANCE_CUT both. Halves within a patch are
+   of texels; where one is black the region shrinks to the other. Returns 0 if there is nothing left
+   to cut. */
+static int envsamp__cut_region(envsamp__lights *l, envsamp__region *r, envsamp__region *rest)
 {
-    int median = cuts->rule == ENVSAMP_LIGHTS_MEDIAN_CUT;
-    int down = median && envsamp__extent(cuts->patches.image, r, 0)
-                         < envsamp__extent(cuts->patches.image, r, 1);
-    envsamp__region parts[2][2];
-    double cost, other = -1.0;
+    int variance = l->rule == ENVSAMP_LIGHTS_VARIANCE_CUT;
+    int halves = !variance && l->rule != ENVSAMP_LIGHTS_MEDIAN_CUT;
+    envsamp__patch *line = l->line, *after = line + ENVSAMP__LINES_MAX, before;
+    envsamp__region parts[2];
 
-    if (r->copies > 1)
-        return 0;
-    cost = envsamp__best_cut(cuts, r, down, parts[0]);
-    if (cost < 0.0 || !median)
-        other = envsamp__best_cut(cuts, r, !down, parts[1]);
-    down = cost < 0.0 || (other >= 0.0 && other < cost);
-    if (cost >= 0.0 || other >= 0.0) {
-        *r = parts[down][0];
-        *rest = parts[down][1];
-    }
-    return cost >= 0.0 || other >= 0.0;
-}
-
-/* Halves a region across its longer side, whole patches first. Where a half is black the region
-   shrinks to the other. Returns 0 if nothing is left to halve; regions of DECOMPOSED are whole
-   patches. */
-static int envsamp__halve_region(const envsamp__cuts *cuts, envsamp__region *r,
-                                 envsamp__region *rest)
-{
-    const envsamp_image *image = cuts->patches.image;
-
-    for (;;) {
+    do {
         int width = r->x1 - r->x0, height = r->y1 - r->y0;
-        int wide = cuts->patches.wide, tall = cuts->patches.tall, down, side, from, middle;
+        int texels = l->rule == ENVSAMP_LIGHTS_RELAXED && width <= l->wide && height <= l->tall;
+        int wide = texels ? 1 : l->wide, tall = texels ? 1 : l->tall, pass, i;
+        int first = !variance && envsamp__extent(l->image, r, 0) < envsamp__extent(l->image, r, 1);
+        double best = -1.0, least = 1e-9 * r->sum.luminance;
 
-        if (width <= wide && height <= tall && cuts->rule == ENVSAMP_LIGHTS_RELAXED)
-            wide = tall = 1;
-        if (width <= wide && height <= tall)
+        for (pass = 0; pass < 2 && (variance || best < 0.0); pass++) {
+            int down = first ^ pass, side = down ? tall : wide;
+            int count = ((down ? height : width) + side - 1) / side;
+
+            if (count == 1)
+                continue;
+            envsamp__sum_lines(l, r, texels, down, count, line);
+            ENVSAMP_MEMCPY(after, line, (size_t)count * sizeof *line);
+            for (i = count - 1; i-- > 0; )
+                envsamp__add_patch(&after[i + 1], &after[i]);
+            before = line[0];
+            for (i = 1; i < count; envsamp__add_patch(&line[i++], &before)) {
+                double cost = halves ? ENVSAMP__FABS((double)(2 * i - count))
+                            : variance ? envsamp__spread(&before) + envsamp__spread(&after[i])
+                            : ENVSAMP__FABS(before.luminance - after[i].luminance);
+
+                if ((best >= 0.0 && cost >= best)
+                    || (!halves && !(before.luminance > least && after[i].luminance > least)))
+                    continue;
+                best = cost;
+                parts[0] = parts[1] = *r;
+                parts[0].sum = before;
+                parts[1].sum = after[i];
+                if (down)
+                    parts[0].y1 = parts[1].y0 = (uint16_t)(r->y0 + i * side);
+                else
+                    parts[0].x1 = parts[1].x0 = (uint16_t)(r->x0 + i * side);
+            }
+        }
+        if (best < 0.0)
             return 0;
-        down = width <= wide || (height > tall && envsamp__extent(image, r, 0)
-                                                  < envsamp__extent(image, r, 1));
-        side = down ? tall : wide;
-        from = down ? r->y0 : r->x0;
-        middle = from + ((down ? height : width) + side - 1) / side / 2 * side;
-        *rest = envsamp__make_region(cuts, down ? r->x0 : middle, down ? middle : r->y0, r->x1,
-                                     r->y1);
-        *r = envsamp__make_region(cuts, r->x0, r->y0, down ? r->x1 : middle,
-                                  down ? middle : r->y1);
-        if (r->sum.luminance > 0.0 && rest->sum.luminance > 0.0)
-            return 1;
-        *r = r->sum.luminance > 0.0 ? *r : *rest;
-    }
+        *rest = parts[1];
+        *r = parts[0].sum.luminance > 0.0 ? parts[0] : parts[1];
+        r->deviation = rest->deviation = -1.0;
+    } while (!(parts[0].sum.luminance > 0.0 && parts[1].sum.luminance > 0.0));
+    return 1;
 }
 
-/* Cuts the region on top of the heap; one that cannot be cut is shared by one more light. */
-static void envsamp__cut_top(envsamp__cuts *cuts)
+/* Cuts the region of the largest key; one that cannot be cut is shared by one more light. */
+static void envsamp__cut_top(envsamp__lights *l)
 {
-    envsamp__region *top = cuts->regions, rest;
-    int halves = cuts->rule == ENVSAMP_LIGHTS_DECOMPOSED || cuts->rule == ENVSAMP_LIGHTS_RELAXED;
-    int cut = halves ? envsamp__halve_region(cuts, top, &rest)
-                     : envsamp__cut_region(cuts, top, &rest), i;
+    int halves = l->rule == ENVSAMP_LIGHTS_DECOMPOSED || l->rule == ENVSAMP_LIGHTS_RELAXED;
+    envsamp__region *top = &l->regions[l->heap.entries->item], *rest = &l->regions[l->count];
+    int cut = l->rule != ENVSAMP__SHARED && top->copies == 1 && envsamp__cut_region(l, top, rest);
 
     top->copies += !halves && !cut;
-    envsamp__set_key(cuts, top);
-    envsamp__sink_region(cuts, 0);
-    if (!cut)
-        return;
-    envsamp__set_key(cuts, &rest);
-    for (i = cuts->count++; i > 0 && cuts->regions[(i - 1) / 2].key < rest.key; i = (i - 1) / 2)
-        cuts->regions[i] = cuts->regions[(i - 1) / 2];
-    cuts->regions[i] = rest;
+    l->heap.entries->key = envsamp__region_key(l, top);
+    envsamp__heap_settle(&l->heap);
+    if (cut)
+        envsamp__heap_push(&l->heap, envsamp__region_key(l, rest), (uint32_t)l->count++, 0);
 }
 
-/* Makes patches, and one region, the whole map; returns how many pixels are bad. */
-static size_t envsamp__begin_cuts(envsamp__cuts *cuts)
+/* Sums the texels of a label over patches, and all of them into one region; returns how many pixels
+   are bad. */
+static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_lights_method rule)
 {
-    envsamp__patches *p = &cuts->patches;
-    const envsamp_image *image = p->image;
-    int width = image->width, height = image->height, channels = image->channels, x, y, k, c;
-    double *sum = cuts->sum, *sr = sum + 4 * ENVSAMP__CHUNK, dir[3];
+    double sum[4 * ENVSAMP__CHUNK], sr[ENVSAMP__CHUNK];
+    const envsamp_image *image = l->image;
+    int channels = image->channels, step = envsamp__min(l->tall, 16), x, y, k, c, end;
+    envsamp__region whole;
     size_t bad = 0;
 
-    ENVSAMP_MEMSET(p->at, 0, (size_t)(p->across * p->down) * sizeof *p->at);
-    envsamp__fill_angles(p, p->azimuth, width, p->wide, 2.0);
-    envsamp__fill_angles(p, p->polar, height, p->tall,
-                         image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
-    for (y = 0; y < p->down; y++)
-        for (x = 0; x < width; x += ENVSAMP__CHUNK) {
-            int count = envsamp__min(ENVSAMP__CHUNK, width - x), end;
+    l->label = label;
+    ENVSAMP_MEMSET(l->patches, 0, (size_t)(l->across * l->down) * sizeof *l->patches);
+    for (y = 0; y < image->height; y += step)
+        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
+            int count = envsamp__min(ENVSAMP__CHUNK, image->width - x), row = y / l->tall;
 
-            bad += envsamp__sum_texel_columns(p, x, count, y * p->tall,
-                                              envsamp__min((y + 1) * p->tall, height), sum, sr);
+            bad += envsamp__sum_texel_columns(l, x, count, y, envsamp__min(y + step, image->height),
+                                              sum, sr);
             for (k = 0; k < count; k = end) {
-                int patch = (x + k) / p->wide;
+                int column = (x + k) / l->wide;
                 double rgb[3] = { 0.0, 0.0, 0.0 }, patch_sr = 0.0;
 
-                for (end = envsamp__min((patch + 1) * p->wide - x, count); k < end; k++) {
+                for (end = envsamp__min((column + 1) * l->wide - x, count); k < end; k++) {
                     for (c = 0; c < envsamp__min(channels, 3); c++)
                         rgb[c] += sum[k * channels + c];
                     patch_sr += sr[k];
                 }
-                envsamp__table_dir(p, width + patch, height + y, dir);
-                envsamp__add_light(image, rgb, patch_sr, dir, &p->at[y * p->across + patch]);
+                if (patch_sr > 0.0)
+                    envsamp__add_light(l, column * l->wide
+                                          + envsamp__min((column + 1) * l->wide, image->width),
+                                       row * l->tall
+                                       + envsamp__min((row + 1) * l->tall, image->height),
+                                       rgb, patch_sr, &l->patches[row * l->across + column]);
             }
         }
-    cuts->regions[0] = envsamp__make_region(cuts, 0, 0, width, height);
-    envsamp__set_key(cuts, cuts->regions);
-    cuts->count = 1;
+    ENVSAMP_MEMSET(&whole, 0, sizeof whole);
+    whole.x1 = (uint16_t)image->width;
+    whole.y1 = (uint16_t)image->height;
+    whole.copies = 1;
+    whole.deviation = -1.0;
+    for (k = 0; k < l->across * l->down; k++)
+        envsamp__add_patch(&l->patches[k], &whole.sum);
+    envsamp__add_patch(&whole.sum, &l->total);
+    ENVSAMP_MEMCPY(l->info.integral, l->total.rgb, sizeof l->info.integral);
+    if (l->regions) {
+        l->regions[0] = whole;
+        l->count = 1;
+        envsamp__sort_regions(l, rule);
+    }
     return bad;
 }
 
@@ -7317,24 +7284,28 @@ static void envsamp__set_light(const envsamp__patch *sum, const float dir[3], in
 }
 
 /* Direction of the centroid of a region, or of its middle. */
-static void envsamp__region_dir(const envsamp_image *image, const envsamp__region *r, float dir[3])
+static void envsamp__region_dir(const envsamp__lights *l, const envsamp__region *r, float dir[3])
 {
+    double middle[3];
+
+    envsamp__map_dir(l, r->x0 + r->x1, r->y0 + r->y1, middle);
     if (!envsamp__normalise(r->sum.v, dir))
-        envsamp_uv_to_dir(image->mapping, 0.5f * (float)(r->x0 + r->x1) / (float)image->width,
-                          0.5f * (float)(r->y0 + r->y1) / (float)image->height, dir);
+        envsamp__normalise(middle, dir);
 }
 
-static void envsamp__region_lights(const envsamp__cuts *cuts, envsamp_light *lights)
+/* Cuts until there are `count` lights. */
+static void envsamp__cut_lights(envsamp__lights *l, int count, envsamp_light *lights)
 {
+    float dir[3];
     int i, k;
 
-    for (i = 0; i < cuts->count; i++)
-        for (k = 0; k < cuts->regions[i].copies; k++) {
-            float dir[3];
-
-            envsamp__region_dir(cuts->patches.image, &cuts->regions[i], dir);
-            envsamp__set_light(&cuts->regions[i].sum, dir, cuts->regions[i].copies, lights++);
-        }
+    for (i = l->count; i < count; i++)
+        envsamp__cut_top(l);
+    for (i = 0; i < l->count; i++) {
+        envsamp__region_dir(l, &l->regions[i], dir);
+        for (k = 0; k < l->regions[i].copies; k++)
+            envsamp__set_light(&l->regions[i].sum, dir, l->regions[i].copies, lights++);
+    }
 }
 
 /* ---- relaxed ----
@@ -7359,60 +7330,12 @@ static void envsamp__region_lights(const envsamp__cuts *cuts, envsamp_light *lig
 
 #define ENVSAMP__PIECES_PER_LIGHT 32        /* a piece has that part of a light's at most */
 #define ENVSAMP__PIECES_MAX 32768
+#define ENVSAMP__RELAXED_MAX (ENVSAMP__PIECES_MAX / 2)      /* lights */
 #define ENVSAMP__DISTANCES_MAX (1 << 25)    /* in all rounds */
 #define ENVSAMP__RELAX_ROUNDS 8             /* of Lloyd's, before the moves */
 #define ENVSAMP__MOVE_ROUNDS 24             /* before a light is sent elsewhere, */
 #define ENVSAMP__TRIAL_ROUNDS 8             /* and after it */
 #define ENVSAMP__WEIGH_SWEEPS 64            /* of the weights, at last */
-#define ENVSAMP__POINTS 8                   /* pieces that are looked at together: a constant, so
-                                               that compilers vectorise at -O2 too */
-#define ENVSAMP__POINT_GROUPS(points) (((size_t)(points) + ENVSAMP__POINTS - 1) / ENVSAMP__POINTS)
-
-/* Directions and shares of pieces or lights; after the last the shares are 0. */
-typedef struct envsamp__points {
-    float x[ENVSAMP__POINTS], y[ENVSAMP__POINTS], z[ENVSAMP__POINTS], weight[ENVSAMP__POINTS];
-} envsamp__points;
-
-/* A light while it moves. */
-typedef struct envsamp__mover {
-    float axis[3];              /* its direction, */
-    float next[3];              /* the same after a step, without momentum, */
-    float best[3];              /* and where the energy was least */
-    int held;                   /* pieces that are nearest to it, */
-    envsamp__patch sum;         /* and their sums */
-    double weight, best_weight; /* now, and where the energy was least */
-    double toward[3];           /* sum of share x direction / chord over the pieces, */
-    double chord, lights_chord; /* and of share x chord, over the pieces and over the lights */
-    int tried;                  /* another was sent to it in vain */
-} envsamp__mover;
-
-typedef struct envsamp__relaxation {
-    envsamp__cuts cuts;         /* into pieces */
-    int most;                   /* pieces */
-    envsamp__points *points;    /* the pieces again, for loops over many of them, */
-    envsamp__points *places;    /* and the lights */
-    int lights;
-    envsamp__mover *movers;
-    double energy;              /* the least found */
-    float *row, *other;         /* chords from two of the lights to all */
-    float *reach;               /* squared chord of each piece to its light */
-} envsamp__relaxation;
-
-static void envsamp__relaxation_carve(envsamp__relaxation *r, const envsamp__pixels *pixels,
-                                      int lights, envsamp__arena *arena)
-{
-    size_t groups = ENVSAMP__POINT_GROUPS(lights);
-
-    r->lights = lights;
-    r->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * lights, ENVSAMP__PIECES_MAX);
-    envsamp__cuts_carve(&r->cuts, pixels, ENVSAMP_LIGHTS_RELAXED, r->most, arena);
-    r->points = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(r->most));
-    r->places = ENVSAMP__TAKE(envsamp__points, arena, groups);
-    r->movers = ENVSAMP__TAKE(envsamp__mover, arena, lights);
-    r->row = ENVSAMP__TAKE(float, arena, groups * ENVSAMP__POINTS);
-    r->other = ENVSAMP__TAKE(float, arena, groups * ENVSAMP__POINTS);
-    r->reach = ENVSAMP__TAKE(float, arena, ENVSAMP__POINT_GROUPS(r->most) * ENVSAMP__POINTS);
-}
 
 /* Sets one of some points. */
 static void envsamp__set_point(envsamp__points *points, int i, const float dir[3], double weight)
@@ -7426,32 +7349,31 @@ static void envsamp__set_point(envsamp__points *points, int i, const float dir[3
 }
 
 /* Writes points of the pieces, with shares of luminance or of a channel, 0 to 2. */
-static void envsamp__fill_points(envsamp__relaxation *r, int channel, double total)
+static void envsamp__fill_points(envsamp__lights *l, int channel, double total)
 {
     float dir[3];
     int i;
 
-    ENVSAMP_MEMSET(r->points, 0, ENVSAMP__POINT_GROUPS(r->cuts.count) * sizeof *r->points);
-    for (i = 0; i < r->cuts.count; i++) {
-        const envsamp__patch *sum = &r->cuts.regions[i].sum;
+    ENVSAMP_MEMSET(l->points, 0, ENVSAMP__POINT_GROUPS(l->count) * sizeof *l->points);
+    for (i = 0; i < l->count; i++) {
+        const envsamp__patch *sum = &l->regions[i].sum;
         double weight = channel < 0 ? sum->luminance : sum->rgb[channel];
 
-        envsamp__region_dir(r->cuts.patches.image, &r->cuts.regions[i], dir);
-        envsamp__set_point(r->points, i, dir, total > 0.0 ? weight / total : 0.0);
+        envsamp__region_dir(l, &l->regions[i], dir);
+        envsamp__set_point(l->points, i, dir, total > 0.0 ? weight / total : 0.0);
     }
 }
 
 /* Makes pieces: halves those that are large, then the brightest, until all have little luminance,
    and as many more as are half of what there is room for. */
-static void envsamp__make_pieces(envsamp__relaxation *r, double luminance)
+static void envsamp__make_pieces(envsamp__lights *l)
 {
-    const envsamp__region *top = r->cuts.regions;
-    double bright = luminance / (double)(ENVSAMP__PIECES_PER_LIGHT * r->lights);
+    double bright = l->total.luminance / (double)(ENVSAMP__PIECES_PER_LIGHT * l->made);
 
-    while (r->cuts.count < r->most && top->key >= 0.0
-           && (top->key > bright || r->cuts.count < r->most / 2))
-        envsamp__cut_top(&r->cuts);
-    envsamp__fill_points(r, -1, luminance);
+    while (l->count < l->most && l->heap.entries->key >= 0.0
+           && (l->heap.entries->key > bright || l->count < l->most / 2))
+        envsamp__cut_top(l);
+    envsamp__fill_points(l, -1, l->total.luminance);
 }
 
 /* Squared chords between some points and a direction. */
@@ -7468,115 +7390,134 @@ static void envsamp__square_chords(const envsamp__points *p, const float *axis,
 }
 
 /* Gives a light the pieces that are nearer to it than to theirs. */
-static void envsamp__take_pieces(envsamp__relaxation *r, int k)
+static void envsamp__take_pieces(envsamp__lights *l, int k)
 {
     float square[ENVSAMP__POINTS];
-    int count = r->cuts.count, i, c;
+    int i, c;
 
-    for (i = 0; i < count; i += ENVSAMP__POINTS) {
-        envsamp__square_chords(&r->points[i / ENVSAMP__POINTS], r->movers[k].axis, square);
-        for (c = 0; c < ENVSAMP__POINTS && i + c < count; c++)
-            if (square[c] < r->reach[i + c]) {
-                r->reach[i + c] = square[c];
-                r->cuts.regions[i + c].light = k;
+    for (i = 0; i < l->count; i += ENVSAMP__POINTS) {
+        envsamp__square_chords(&l->points[i / ENVSAMP__POINTS], l->movers[k].axis, square);
+        for (c = 0; c < ENVSAMP__POINTS && i + c < l->count; c++)
+            if (square[c] < l->reach[i + c]) {
+                l->reach[i + c] = square[c];
+                l->regions[i + c].light = k;
             }
     }
 }
 
 /* Gives every piece to the nearest of the first lights; without any they are the first one's, and
    farther away than they can be. */
-static void envsamp__assign_pieces(envsamp__relaxation *r, int lights)
+static void envsamp__assign_pieces(envsamp__lights *l, int lights)
 {
     int i, k;
 
-    for (i = 0; i < r->cuts.count; i++) {
-        r->cuts.regions[i].light = 0;
-        r->reach[i] = 5.0f;
+    for (i = 0; i < l->count; i++) {
+        l->regions[i].light = 0;
+        l->reach[i] = 5.0f;
     }
     for (k = 0; k < lights; k++)
-        envsamp__take_pieces(r, k);
+        envsamp__take_pieces(l, k);
 }
 
-/* Puts a light on a piece, and gives it those that it is nearest to. */
-static void envsamp__put_light(envsamp__relaxation *r, int k, int piece)
+/* Puts a light on a piece, and gives it that and those that it is nearest to. */
+static void envsamp__put_light(envsamp__lights *l, int k, int piece)
 {
-    const envsamp__points *group = &r->points[piece / ENVSAMP__POINTS];
-    float *axis = r->movers[k].axis;
-
-    axis[0] = group->x[piece % ENVSAMP__POINTS];
-    axis[1] = group->y[piece % ENVSAMP__POINTS];
-    axis[2] = group->z[piece % ENVSAMP__POINTS];
-    envsamp__take_pieces(r, k);
+    envsamp__region_dir(l, &l->regions[piece], l->movers[k].axis);
+    envsamp__take_pieces(l, k);
+    l->regions[piece].light = k;
+    l->reach[piece] = 0.0f;
 }
 
-/* Sums the pieces of every light, and makes its weight their share. First gives each light that has
-   none that with most luminance x squared chord of those that are not alone with theirs. There are
-   no fewer pieces than lights. */
-static void envsamp__sum_pieces(envsamp__relaxation *r)
+/* The piece with most work, luminance x chord to its light, of the light with most weight x work of
+   those that hold several; without one light also of those not tried. -1 if there is none. */
+static int envsamp__busy_piece(envsamp__lights *l, int but)
 {
-    envsamp__region *pieces = r->cuts.regions;
-    envsamp__mover *m = r->movers;
-    double total = 0.0;
-    int count = r->cuts.count, i, k, at;
+    double most = -1.0, work;
+    envsamp__mover *m = l->movers;
+    int i, k, busy = -1, at = -1;
 
-    for (k = 0; k < r->lights; k++) {
+    for (k = 0; k < l->made; k++) {
         m[k].held = 0;
-        ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
+        m[k].chord = 0.0;
     }
-    for (i = 0; i < count; i++)
-        m[pieces[i].light].held++;
-    for (k = 0; k < r->lights; k++) {
-        double worst = -1.0;
+    for (i = 0; i < l->count; i++) {
+        m[l->regions[i].light].held++;
+        m[l->regions[i].light].chord += l->regions[i].sum.luminance
+                                        * (double)ENVSAMP_SQRTF(l->reach[i]);
+    }
+    for (k = 0; k < l->made; k++)
+        if (k != but && (but < 0 || !m[k].tried) && m[k].held > 1
+            && m[k].weight * m[k].chord > most) {
+            most = m[k].weight * m[k].chord;
+            busy = k;
+        }
+    for (most = -1.0, i = 0; i < l->count; i++) {
+        work = l->regions[i].sum.luminance * (double)ENVSAMP_SQRTF(l->reach[i]);
+        if (l->regions[i].light == busy && work > most) {
+            most = work;
+            at = i;
+        }
+    }
+    return at;
+}
 
-        for (at = i = 0; i < count && m[k].held == 0; i++)
-            if (m[pieces[i].light].held > 1
-                && pieces[i].sum.luminance * (double)r->reach[i] > worst) {
-                worst = pieces[i].sum.luminance * (double)r->reach[i];
-                at = i;
-            }
-        if (m[k].held > 0)
+/* Sums the pieces of every light, and makes its weight their share. A light that holds none first
+   goes to where another has most to do. */
+static void envsamp__sum_pieces(envsamp__lights *l)
+{
+    envsamp__mover *m = l->movers;
+    int i, k, busy;
+
+    do {
+        busy = envsamp__busy_piece(l, -1);
+        for (k = 0; k < l->made && m[k].held > 0; k++)
             continue;
-        m[pieces[at].light].held--;
-        m[k].held = 1;
-        pieces[at].light = k;
-        r->reach[at] = 0.0f;
-    }
-    for (i = 0; i < count; i++) {
-        envsamp__add_patch(&pieces[i].sum, &m[pieces[i].light].sum);
-        total += pieces[i].sum.luminance;
-    }
-    for (k = 0; k < r->lights; k++)
-        m[k].weight = m[k].sum.luminance / total;
+        if (k < l->made && busy >= 0)
+            envsamp__put_light(l, k, busy);
+    } while (k < l->made && busy >= 0);
+    for (k = 0; k < l->made; k++)
+        ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
+    for (i = 0; i < l->count; i++)
+        envsamp__add_patch(&l->regions[i].sum, &m[l->regions[i].light].sum);
+    for (k = 0; k < l->made; k++)
+        m[k].weight = m[k].sum.luminance / l->total.luminance;
 }
 
 /* Lloyd's relaxation, from lights to which the pieces are assigned, until no light moves. */
-static void envsamp__relax(envsamp__relaxation *r, int rounds)
+static void envsamp__relax(envsamp__lights *l, int rounds)
 {
-    int most = 1 + ENVSAMP__DISTANCES_MAX / (r->cuts.count * r->lights), moved = 1, i, k;
+    int most = 1 + ENVSAMP__DISTANCES_MAX / (l->count * l->made), moved = 1, i, k;
 
     for (i = 0; i < rounds && i < most && moved; i++) {
-        envsamp__sum_pieces(r);
-        for (moved = k = 0; k < r->lights; k++) {
+        envsamp__sum_pieces(l);
+        for (moved = k = 0; k < l->made; k++) {
             float was[3];
 
-            ENVSAMP_MEMCPY(was, r->movers[k].axis, sizeof was);
-            envsamp__normalise(r->movers[k].sum.v, r->movers[k].axis);
-            moved |= ENVSAMP_MEMCMP(was, r->movers[k].axis, sizeof was) != 0;
+            ENVSAMP_MEMCPY(was, l->movers[k].axis, sizeof was);
+            envsamp__normalise(l->movers[k].sum.v, l->movers[k].axis);
+            moved |= ENVSAMP_MEMCMP(was, l->movers[k].axis, sizeof was) != 0;
         }
-        envsamp__assign_pieces(r, r->lights);
+        envsamp__assign_pieces(l, l->made);
     }
-    envsamp__sum_pieces(r);
+    envsamp__sum_pieces(l);
 }
 
 /* ---- energy of relaxed lights ---- */
 
-/* Sums over the pieces, or the other lights, from where a light stands: share x direction / chord,
-   share / chord, and share x chord. Floats over 16 groups, doubles over these. */
-static void envsamp__sum_field(const envsamp__relaxation *r, int k, int over_lights, double all[5])
+static double envsamp__chord(const float a[3], const float b[3])
 {
-    const envsamp__points *p = over_lights ? r->places : r->points;
-    size_t groups = ENVSAMP__POINT_GROUPS(over_lights ? r->lights : r->cuts.count), g;
-    float *own = &r->places[k / ENVSAMP__POINTS].weight[k % ENVSAMP__POINTS], kept = *own;
+    float x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+
+    return (double)ENVSAMP_SQRTF(x * x + y * y + z * z);
+}
+
+/* Sums over pieces, or the other lights, from where a light stands: share x direction / chord,
+   share / chord, and share x chord. Floats over 16 groups, doubles over these. */
+static void envsamp__sum_field(const envsamp__lights *l, int k, const envsamp__points *p, int count,
+                               double all[5])
+{
+    float *own = &l->places[k / ENVSAMP__POINTS].weight[k % ENVSAMP__POINTS], kept = *own;
+    size_t groups = ENVSAMP__POINT_GROUPS(count), g;
     int i, c;
 
     *own = 0.0f;
@@ -7587,7 +7528,7 @@ static void envsamp__sum_field(const envsamp__relaxation *r, int k, int over_lig
 
         ENVSAMP_MEMSET(sum, 0, sizeof sum);
         for (g = 0; g < 2 * ENVSAMP__POINTS && g < groups; g++, p++) {
-            envsamp__square_chords(p, r->movers[k].axis, chord);
+            envsamp__square_chords(p, l->movers[k].axis, chord);
             for (i = 0; i < ENVSAMP__POINTS; i++)
                 chord[i] += 1e-12f;         /* of a light that stands on a piece */
             envsamp__sqrt_n(chord, ENVSAMP__POINTS);
@@ -7608,50 +7549,37 @@ static void envsamp__sum_field(const envsamp__relaxation *r, int k, int over_lig
     *own = kept;
 }
 
-/* Chords from a light to all. */
-static void envsamp__fill_row(const envsamp__relaxation *r, int k, float *row)
-{
-    int i;
-
-    for (i = 0; i < r->lights; i += ENVSAMP__POINTS) {
-        envsamp__square_chords(&r->places[i / ENVSAMP__POINTS], r->movers[k].axis, row + i);
-        envsamp__sqrt_n(row + i, ENVSAMP__POINTS);
-    }
-}
-
-static void envsamp__place_lights(envsamp__relaxation *r)
+static void envsamp__place_lights(envsamp__lights *l)
 {
     int k;
 
-    ENVSAMP_MEMSET(r->places, 0, ENVSAMP__POINT_GROUPS(r->lights) * sizeof *r->places);
-    for (k = 0; k < r->lights; k++)
-        envsamp__set_point(r->places, k, r->movers[k].axis, r->movers[k].weight);
+    ENVSAMP_MEMSET(l->places, 0, ENVSAMP__POINT_GROUPS(l->made) * sizeof *l->places);
+    for (k = 0; k < l->made; k++)
+        envsamp__set_point(l->places, k, l->movers[k].axis, l->movers[k].weight);
 }
 
 /* Sums where the lights are now; then lets each light exchange weight with that with which the
-   energy falls most, in turns. */
-static void envsamp__weigh_lights(envsamp__relaxation *r, int sweeps)
+   energy falls most, in turns. Returns the energy. */
+static double envsamp__weigh_lights(envsamp__lights *l, int sweeps)
 {
-    envsamp__mover *m = r->movers;
-    double most = 1.0, all[5];
-    int k, i;
+    double most = 1.0, energy = 0.0, all[5];
+    envsamp__mover *m = l->movers;
+    int k, i, with;
 
-    envsamp__place_lights(r);
-    for (k = 0; k < r->lights; k++) {
-        envsamp__sum_field(r, k, 1, all);
+    envsamp__place_lights(l);
+    for (k = 0; k < l->made; k++) {
+        envsamp__sum_field(l, k, l->places, l->made, all);
         m[k].lights_chord = all[4];
-        envsamp__sum_field(r, k, 0, all);
+        envsamp__sum_field(l, k, l->points, l->count, all);
         m[k].chord = all[4];
         ENVSAMP_MEMCPY(m[k].toward, all, sizeof m[k].toward);
     }
     for (; sweeps > 0 && most > 1e-7; sweeps--)
-        for (most = 0.0, k = 0; k < r->lights; k++) {
+        for (most = 0.0, k = 0; k < l->made; k++) {
             double gain = 0.0, given = 0.0;
-            int with = k;
 
-            envsamp__fill_row(r, k, r->row);
-            for (i = 0; i < r->lights; i++) {
-                double chord = (double)r->row[i], step = 0.0;
+            for (with = k, i = 0; i < l->made; i++) {
+                double chord = envsamp__chord(m[k].axis, m[i].axis), step = 0.0;
                 double fall = m[k].chord - m[k].lights_chord - m[i].chord + m[i].lights_chord;
 
                 if (chord > 1e-9)
@@ -7662,27 +7590,28 @@ static void envsamp__weigh_lights(envsamp__relaxation *r, int sweeps)
                     with = i;
                 }
             }
-            if (with == k)
-                continue;
             most = envsamp__max(most, ENVSAMP__FABS(given));
             m[k].weight -= given;
             m[with].weight += given;
-            envsamp__fill_row(r, with, r->other);
-            for (i = 0; i < r->lights; i++)
-                m[i].lights_chord += given * ((double)r->other[i] - (double)r->row[i]);
+            for (i = 0; i < l->made && with != k; i++)
+                m[i].lights_chord += given * (envsamp__chord(m[with].axis, m[i].axis)
+                                              - envsamp__chord(m[k].axis, m[i].axis));
         }
+    for (k = 0; k < l->made; k++)
+        energy += m[k].weight * (2.0 * m[k].chord - m[k].lights_chord);
+    return energy;
 }
 
-/* Takes a step with a light: the other lights push it off, the pieces pull. Momentum step: a light
-   whose direction reversed restarts. */
-static void envsamp__step_light(envsamp__relaxation *r, int k, double momentum)
+/* Takes a step with a light: the other lights push it off, the pieces pull. A light that turns back
+   loses its momentum. */
+static void envsamp__step_light(envsamp__lights *l, int k, double momentum)
 {
-    envsamp__mover *m = &r->movers[k];
+    envsamp__mover *m = &l->movers[k];
     double push[5], v[3], along = 0.0;
     float to[3];
     int c;
 
-    envsamp__sum_field(r, k, 1, push);
+    envsamp__sum_field(l, k, l->places, l->made, push);
     for (c = 0; c < 3; c++)
         v[c] = m->toward[c] + push[3] * (double)m->axis[c] - push[c];
     ENVSAMP_MEMCPY(to, m->axis, sizeof to);
@@ -7699,150 +7628,106 @@ static void envsamp__step_light(envsamp__relaxation *r, int k, double momentum)
 
 /* Some rounds of moves, and weights after each and before; then the lights go to where the energy
    was least, now or before. */
-static void envsamp__move_lights(envsamp__relaxation *r, int rounds)
+static void envsamp__move_lights(envsamp__lights *l, int rounds)
 {
-    envsamp__mover *m = r->movers;
+    envsamp__mover *m = l->movers;
     int i, k;
 
-    for (k = 0; k < r->lights; k++)
+    for (k = 0; k < l->made; k++)
         ENVSAMP_MEMCPY(m[k].next, m[k].axis, sizeof m[k].next);
     for (i = 0; i <= rounds; i++) {
-        double energy = 0.0;
+        double energy = envsamp__weigh_lights(l, 2);
+        int better = energy < l->energy - 1e-9;
 
-        envsamp__weigh_lights(r, 2);
-        for (k = 0; k < r->lights; k++)
-            energy += m[k].weight * (2.0 * m[k].chord - m[k].lights_chord);
-        for (k = 0; k < r->lights && energy < r->energy; k++) {
+        for (k = 0; k < l->made && better; k++) {
             ENVSAMP_MEMCPY(m[k].best, m[k].axis, sizeof m[k].best);
             m[k].best_weight = m[k].weight;
+            m[k].tried = 0;
         }
-        r->energy = energy < r->energy ? energy : r->energy;
-        envsamp__place_lights(r);
-        for (k = 0; k < r->lights && i < rounds; k++)
-            envsamp__step_light(r, k, (double)i / (double)(i + 3));
+        l->energy = better ? energy : l->energy;
+        envsamp__place_lights(l);
+        for (k = 0; k < l->made && i < rounds; k++)
+            envsamp__step_light(l, k, (double)i / (double)(i + 3));
     }
-    for (k = 0; k < r->lights; k++) {
+    for (k = 0; k < l->made; k++) {
         ENVSAMP_MEMCPY(m[k].axis, m[k].best, sizeof m[k].best);
         m[k].weight = m[k].best_weight;
     }
 }
 
-/* ---- lights sent elsewhere ---- */
-
-/* The piece with most work, luminance x chord to its light, of the light with most weight x work of
-   those not tried, but one; -1 if there is none. */
-static int envsamp__busy_piece(envsamp__relaxation *r, int but)
-{
-    envsamp__region *pieces = r->cuts.regions;
-    envsamp__mover *m = r->movers;
-    double most = 0.0, work = 0.0;
-    int i, k, busy = -1, at = -1;
-
-    for (k = 0; k < r->lights; k++)
-        m[k].chord = 0.0;
-    for (i = 0; i < r->cuts.count; i++) {
-        pieces[i].key = pieces[i].sum.luminance * (double)ENVSAMP_SQRTF(r->reach[i]);
-        m[pieces[i].light].chord += pieces[i].key;
-    }
-    for (k = 0; k < r->lights; k++)
-        if (k != but && !m[k].tried && m[k].weight * m[k].chord > most) {
-            most = m[k].weight * m[k].chord;
-            busy = k;
-        }
-    for (i = 0; i < r->cuts.count; i++)
-        if (pieces[i].light == busy && pieces[i].key > work) {
-            work = pieces[i].key;
-            at = i;
-        }
-    return at;
-}
-
 /* Moves the lights to where their energy is least of all that is tried. It never rises. */
-static void envsamp__improve_lights(envsamp__relaxation *r, int rounds)
+static void envsamp__improve_lights(envsamp__lights *l, int rounds)
 {
     int now = ENVSAMP__MOVE_ROUNDS, idle, busy, k;
 
-    r->energy = DBL_MAX;
-    envsamp__move_lights(r, 0);
+    l->energy = DBL_MAX;
+    envsamp__move_lights(l, 0);
     if (rounds > 0)
-        envsamp__relax(r, ENVSAMP__RELAX_ROUNDS);
+        envsamp__relax(l, ENVSAMP__RELAX_ROUNDS);
     while (rounds > 0) {
-        double was = r->energy;
-
-        envsamp__move_lights(r, envsamp__min(now, rounds));
+        envsamp__move_lights(l, envsamp__min(now, rounds));
         rounds -= now;
         now = rounds;
-        for (k = 0; k < r->lights && r->energy < was - 1e-9; k++)
-            r->movers[k].tried = 0;
-        for (idle = 0, k = 1; k < r->lights; k++)
-            idle = r->movers[k].weight < r->movers[idle].weight ? k : idle;
-        envsamp__assign_pieces(r, r->lights);
-        busy = envsamp__busy_piece(r, idle);
+        for (idle = 0, k = 1; k < l->made; k++)
+            idle = l->movers[k].weight < l->movers[idle].weight ? k : idle;
+        envsamp__assign_pieces(l, l->made);
+        busy = envsamp__busy_piece(l, idle);
         if (rounds > 0 && busy >= 0) {
             now = ENVSAMP__TRIAL_ROUNDS;
-            r->movers[r->cuts.regions[busy].light].tried = 1;
-            envsamp__put_light(r, idle, busy);
+            l->movers[l->regions[busy].light].tried = 1;
+            envsamp__put_light(l, idle, busy);
         }
     }
 }
 
-/* ---- the lights ---- */
-
-/* Where there are fewer, shares `made` lights between `count`. */
-static void envsamp__share_lights(envsamp_light *lights, int made, int count)
+/* Where there are fewer, shares the lights made between `count`. */
+static void envsamp__share_lights(const envsamp__lights *l, envsamp_light *lights)
 {
-    int k, c;
+    int count = l->desc->count, k, c;
 
     for (k = count; k-- > 0; ) {
-        float copies = (float)((count - 1 - k % made) / made + 1);
+        float copies = (float)((count - 1 - k % l->made) / l->made + 1);
 
-        lights[k] = lights[k % made];
+        lights[k] = lights[k % l->made];
         lights[k].solid_angle /= copies;
         for (c = 0; c < 3; c++)
             lights[k].irradiance[c] /= copies;
     }
 }
 
-/* Makes relaxed lights, unless there is no room for twice as many pieces; then returns 0. They
-   start where the others have most to do, one after the other. */
-static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double luminance,
-                                 const double integral[3], envsamp_light *lights)
+/* Makes relaxed lights. They start where the others have most to do, one after the other. */
+static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
 {
-    int count = r->lights, made, most, k, c;
+    const double *integral = l->info.integral;
+    int made, most, k, c;
 
-    if (r->most < 2 * count)
-        return 0;
-    envsamp__make_pieces(r, luminance);
-    made = envsamp__min(count, r->cuts.count);
-    most = made < r->cuts.count ? ENVSAMP__DISTANCES_MAX / (r->cuts.count * made) : 0;
-    envsamp__assign_pieces(r, 0);
+    l->made = l->desc->count;
+    envsamp__make_pieces(l);
+    made = envsamp__min(l->desc->count, l->count);
+    most = made < l->count ? ENVSAMP__DISTANCES_MAX / (l->count * made) : 0;
+    envsamp__assign_pieces(l, 0);
     for (k = 0; k < made; k++) {
-        int at;
-
-        r->lights = envsamp__max_int(k, 1);
-        r->movers[k].weight = 1.0;
-        r->movers[k].tried = 0;
-        at = envsamp__busy_piece(r, -1);
-        envsamp__put_light(r, k, at < 0 ? 0 : at);
+        l->made = envsamp__max_int(k, 1);
+        l->movers[k].weight = 1.0;
+        envsamp__put_light(l, k, envsamp__max_int(envsamp__busy_piece(l, -1), 0));
     }
-    r->lights = made;
-    envsamp__relax(r, 1);
+    l->made = made;
+    envsamp__relax(l, 1);
     if (most > 0) {
-        envsamp__improve_lights(r, envsamp__min(rounds, most));
-        envsamp__assign_pieces(r, made);
-        envsamp__sum_pieces(r);
+        envsamp__improve_lights(l, envsamp__min(l->desc->refine_rounds, most));
+        envsamp__assign_pieces(l, made);
+        envsamp__sum_pieces(l);
     }
     for (k = 0; k < made; k++)
-        envsamp__set_light(&r->movers[k].sum, r->movers[k].axis, 1, &lights[k]);
+        envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
     for (c = 0; c < 3 && most > 0; c++) {
-        envsamp__fill_points(r, c, integral[c]);
-        envsamp__weigh_lights(r, envsamp__min(ENVSAMP__WEIGH_SWEEPS, ENVSAMP__DISTANCES_MAX
-                                                                     / (made * made)));
+        envsamp__fill_points(l, c, integral[c]);
+        envsamp__weigh_lights(l, envsamp__min(ENVSAMP__WEIGH_SWEEPS,
+                                              ENVSAMP__DISTANCES_MAX / (made * made)));
         for (k = 0; k < made; k++)
-            lights[k].irradiance[c] = envsamp__to_float(r->movers[k].weight * integral[c]);
+            lights[k].irradiance[c] = envsamp__to_float(l->movers[k].weight * integral[c]);
     }
-    envsamp__share_lights(lights, made, count);
-    return 1;
+    envsamp__share_lights(l, lights);
 }
 
 /* ---- decomposed ----
@@ -7861,166 +7746,102 @@ static int envsamp__relax_lights(envsamp__relaxation *r, int rounds, double lumi
 
 /* ---- emissive texels ---- */
 
-#define ENVSAMP__BINS 65536
-
-typedef struct envsamp__emission {
-    const envsamp__pixels *pixels;
-    float *map;                 /* luminance of the texels, row after row */
-    uint8_t *labels;            /* of them */
-    double *bins;               /* solid angle by luminance */
-    double total, total_sr;     /* integral of luminance, and solid angle of the map */
-    float brightest;
-    float threshold;            /* L_T */
-    double luminance[2], sr[2]; /* of texels that are not emissive, and that are */
-} envsamp__emission;
-
-enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE };       /* labels */
-
-static void envsamp__emission_carve(envsamp__emission *e, const envsamp__pixels *pixels,
-                                    envsamp__arena *arena)
+static void envsamp__emission_carve(envsamp__lights *l, envsamp__arena *arena)
 {
-    ENVSAMP_MEMSET(e, 0, sizeof *e);
-    e->pixels = pixels;
-    e->map = ENVSAMP__TAKE(float, arena, (uint64_t)pixels->image->width
-                                         * (uint64_t)pixels->image->height);
-    e->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
-}
-
-/* Whether one of at most ENVSAMP__CHUNK texels is brighter than a threshold. */
-static int envsamp__any_above(const float *run, int count, float threshold)
-{
-    int above = 0, i;
-
-    if (count == ENVSAMP__CHUNK)
-        for (i = 0; i < ENVSAMP__CHUNK; i++)
-            above |= run[i] > threshold;
-    else
-        for (i = 0; i < count; i++)
-            above |= run[i] > threshold;
-    return above;
-}
-
-/* Writes luminance, and finds its sum and maximum; returns how many pixels are bad. */
-static size_t envsamp__survey_emission(envsamp__emission *e)
-{
-    const envsamp_image *image = e->pixels->image;
-    double sum[ENVSAMP__CHUNK] = { 0.0 };
-    float *row = e->map;
-    size_t bad = 0;
-    int x, y, i;
-
-    for (y = 0; y < image->height; y++, row += image->width) {
-        bad += envsamp__luminance_row(image, envsamp__pixel_at(image, 0, y), row);
-        e->total_sr += (double)image->width * e->pixels->row_sr[y];
-        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
-            int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
-            int above = envsamp__any_above(row + x, count, e->brightest);
-
-            envsamp__add_floats(row + x, count, e->pixels->row_sr[y], sum);
-            for (i = x; i < x + count && above; i++)
-                e->brightest = row[i] > e->brightest ? row[i] : e->brightest;
-        }
-    }
-    for (i = 0; i < ENVSAMP__CHUNK; i++)
-        e->total += sum[i];
-    return bad;
+    l->map = ENVSAMP__TAKE(float, arena, (uint64_t)l->image->width * (uint64_t)l->image->height);
+    l->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
 }
 
 /* Labels the texels that are brighter than a threshold; sums light and solid angle of these and of
    the others. Zero light of the others means that all of them are black. */
-static void envsamp__split_emission(envsamp__emission *e, float threshold)
+static void envsamp__split_emission(envsamp__lights *l, float threshold)
 {
-    int width = e->pixels->image->width, lit = 0, x, y, i;
-    const float *run = e->map;
-    uint8_t *label = e->labels;
+    const float *row = l->map;
+    uint8_t *label = l->labels;
+    int width = l->image->width, x, y;
 
-    e->threshold = threshold;
-    e->luminance[1] = e->sr[1] = 0.0;
-    for (y = 0; y < e->pixels->image->height; y++)
-        for (x = 0; x < width; x += ENVSAMP__CHUNK) {
-            int count = envsamp__min(ENVSAMP__CHUNK, width - x);
-            int above = envsamp__any_above(run, count, threshold);
+    l->threshold = threshold;
+    ENVSAMP_MEMSET(l->dim, 0, sizeof l->dim);
+    ENVSAMP_MEMSET(l->bright, 0, sizeof l->bright);
+    for (y = 0; y < l->image->height; y++, row += width, label += width) {
+        double dim = 0.0, bright = 0.0, row_sr = l->pixels.row_sr[y];
+        int count = 0;
 
-            ENVSAMP_MEMSET(label, ENVSAMP__DIM, (size_t)count);
-            for (i = 0; i < count && above; i++)
-                if (run[i] > threshold) {
-                    label[i] = ENVSAMP__EMISSIVE;
-                    e->luminance[1] += e->pixels->row_sr[y] * (double)run[i];
-                    e->sr[1] += e->pixels->row_sr[y];
-                } else {
-                    lit |= run[i] > 0.0f;
-                }
-            lit = lit || (!above && envsamp__any_above(run, count, 0.0f));
-            run += count;
-            label += count;
+        for (x = 0; x < width; x++) {
+            label[x] = row[x] > threshold ? ENVSAMP__EMISSIVE : ENVSAMP__DIM;
+            if (row[x] > threshold) {
+                bright += (double)row[x];
+                count++;
+            } else {
+                dim += (double)row[x];
+            }
         }
-    e->luminance[0] = lit ? envsamp__max(e->total - e->luminance[1], DBL_MIN) : 0.0;
-    e->sr[0] = envsamp__max(e->total_sr - e->sr[1], 0.0);
+        l->dim[0] += row_sr * dim;
+        l->dim[1] += row_sr * (double)(width - count);
+        l->bright[0] += row_sr * bright;
+        l->bright[1] += row_sr * (double)count;
+    }
 }
 
 /* The luminance that `target` of solid angle does not exceed, which is above the threshold: by bins
    of the upper half of its bits, then of the lower half. */
-static float envsamp__percentile(const envsamp__emission *e, double target)
+static float envsamp__percentile(const envsamp__lights *l, double target)
 {
-    int width = e->pixels->image->width, pass, x, y, i;
-    double sum, before = e->sr[0];
+    int width = l->image->width, pass, x, y;
+    double sum, before = l->dim[1];
     uint32_t upper = 0, last = 0, bin;
 
     for (pass = 0; pass < 2; pass++) {
-        const float *run = e->map;
+        const float *row = l->map;
 
         upper = last;
-        ENVSAMP_MEMSET(e->bins, 0, ENVSAMP__BINS * sizeof *e->bins);
-        for (y = 0; y < e->pixels->image->height; y++)
-            for (x = 0; x < width; x += ENVSAMP__CHUNK) {
-                int count = envsamp__min(ENVSAMP__CHUNK, width - x);
-                int above = envsamp__any_above(run, count, e->threshold);
+        ENVSAMP_MEMSET(l->bins, 0, ENVSAMP__BINS * sizeof *l->bins);
+        for (y = 0; y < l->image->height; y++, row += width)
+            for (x = 0; x < width; x++) {
+                uint32_t bits = envsamp__float_bits(row[x]);
 
-                for (i = 0; i < count && above; i++) {
-                    uint32_t bits = envsamp__float_bits(run[i]);
-
-                    if (run[i] > e->threshold && (pass == 0 || bits >> 16 == upper))
-                        e->bins[pass == 0 ? bits >> 16 : bits & 0xffffu] += e->pixels->row_sr[y];
-                }
-                run += count;
+                if (row[x] > l->threshold && (pass == 0 || bits >> 16 == upper))
+                    l->bins[pass == 0 ? bits >> 16 : bits & 0xffffu] += l->pixels.row_sr[y];
             }
         for (bin = 0, last = 0, sum = before; bin < ENVSAMP__BINS && sum < target; bin++)
-            if (e->bins[bin] > 0.0) {
+            if (l->bins[bin] > 0.0) {
                 last = bin;
                 before = sum;
-                sum += e->bins[bin];
+                sum += l->bins[bin];
             }
     }
     return envsamp__bits_float(upper << 16 | last);
 }
 
-/* Finds L_T, and labels texels that are brighter. L_b is sought only where it is the largest. */
-static void envsamp__find_emission(envsamp__emission *e, const envsamp_lights_desc *desc)
+/* Finds L_T, and labels texels that are brighter. L_b is sought only where it is the largest.
+   Returns how many pixels are bad. */
+static size_t envsamp__find_emission(envsamp__lights *l)
 {
-    double target = (double)desc->percentile * e->total_sr;
-    double limit = envsamp__max((double)desc->lambda * e->total / e->total_sr,
-                                (double)desc->gamma * (double)e->brightest);
+    double total = 0.0, sr = 0.0, limit;
+    float *row = l->map, brightest = 0.0f;
+    int width = l->image->width, x, y;
+    size_t bad = 0;
 
-    envsamp__split_emission(e, envsamp__to_float(envsamp__max(limit, 0.0)));
-    if (e->sr[0] < target)
-        envsamp__split_emission(e, envsamp__percentile(e, target));
+    for (y = 0; y < l->image->height; y++, row += width) {
+        double sum = 0.0;
+
+        bad += envsamp__luminance_row(l->image, envsamp__pixel_at(l->image, 0, y), row);
+        for (x = 0; x < width; x++) {
+            sum += (double)row[x];
+            brightest = row[x] > brightest ? row[x] : brightest;
+        }
+        total += sum * l->pixels.row_sr[y];
+        sr += (double)width * l->pixels.row_sr[y];
+    }
+    limit = envsamp__max((double)l->desc->lambda * total / sr,
+                         (double)l->desc->gamma * (double)brightest);
+    envsamp__split_emission(l, envsamp__to_float(envsamp__max(limit, 0.0)));
+    if (l->dim[1] < (double)l->desc->percentile * sr)
+        envsamp__split_emission(l, envsamp__percentile(l, (double)l->desc->percentile * sr));
+    return bad;
 }
 
 /* ---- EnvDirects ---- */
-
-typedef struct envsamp__lights {
-    const envsamp_image *image;
-    const envsamp_lights_desc *desc;
-    envsamp__pixels pixels;
-    envsamp__halftone halftone;
-    envsamp_halftone_desc halftone_desc;
-    envsamp_texel *texels;          /* that were chosen, or on which EnvDirects stand */
-    envsamp__cuts cuts;             /* cuts, or EnvIndirects */
-    envsamp__relaxation relaxation; /* RELAXED, or EnvDirects */
-    envsamp__emission emission;     /* DECOMPOSED */
-    double luminance;               /* the integral of it */
-    envsamp_lights_info info;
-} envsamp__lights;
 
 /* Puts lights on pieces that are drawn by luminance: none twice, and outside of the cones of all
    before while any is. Returns how many there are. */
@@ -8028,77 +7849,73 @@ static int envsamp__draw_directs(envsamp__lights *l, int wanted)
 {
     double scale = (double)l->desc->mask_scale / (double)l->desc->count;
     float masked = (float)envsamp__clamp(4.0 * scale, 0.0, 4.5);    /* squared chord */
-    envsamp__relaxation *r = &l->relaxation;
-    int count = r->cuts.count, made = 0, i;
+    int made = 0, i;
 
-    envsamp__assign_pieces(r, 0);
+    envsamp__assign_pieces(l, 0);
     while (made < wanted) {
         double target = 0.0, sum = 0.0;
         int at = -1;
 
-        for (i = 0; i < count; i++)
-            target += r->reach[i] > masked ? r->cuts.regions[i].sum.luminance : 0.0;
+        for (i = 0; i < l->count; i++)
+            target += l->reach[i] > masked ? l->regions[i].sum.luminance : 0.0;
         target *= envsamp__random(l->desc->seed, (uint32_t)made);
-        for (i = 0; i < count && sum <= target; i++)
-            if (r->reach[i] > masked) {
-                sum += r->cuts.regions[i].sum.luminance;
+        for (i = 0; i < l->count && sum <= target; i++)
+            if (l->reach[i] > masked) {
+                sum += l->regions[i].sum.luminance;
                 at = i;
             }
-        if (at >= 0)
-            envsamp__put_light(r, made++, at);
-        else if (masked > 0.0f)
+        if (at >= 0) {
+            l->movers[made].weight = 1.0;
+            envsamp__put_light(l, made++, at);
+        } else if (masked > 0.0f) {
             masked = 0.0f;
-        else
+        } else {
             break;
+        }
     }
     return made;
 }
 
-/* Puts every light on the emissive texel of its pieces that is nearest to it, and gives it those
+/* Puts every light on the emissive texel of its pieces that is nearest to it, then gives it those
    that are not far from there. The others go back to the rest of the map. */
 static void envsamp__place_directs(envsamp__lights *l)
 {
-    const envsamp__relaxation *r = &l->relaxation;
-    const envsamp__patches *p = &r->cuts.patches;
     double scale = (double)l->desc->mask_scale / (double)l->desc->count, farthest = -2.0;
-    double cosine = 1.0 - 2.0 * scale, dir[3], at[3];
-    int i, k, c, x, y;
+    double cosine = 1.0 - 2.0 * scale, dir[3], axis[3];
+    int pass, i, k, c, x, y;
 
-    if (cosine > 0.0 && scale > 0.0 && l->emission.luminance[0] > 0.0)
+    if (cosine > 0.0 && scale > 0.0 && l->dim[0] > 0.0)
         farthest = envsamp__clamp(2.0 * cosine * cosine - 1.0, -1.0,
                                   1.0 - 1e-6);      /* a texel is not far from itself */
-    for (k = 0; k < r->lights; k++) {
-        r->movers[k].chord = -2.0;
-        ENVSAMP_MEMSET(&r->movers[k].sum, 0, sizeof r->movers[k].sum);
+    for (k = 0; k < l->made; k++) {
+        l->movers[k].chord = -2.0;
+        ENVSAMP_MEMSET(&l->movers[k].sum, 0, sizeof l->movers[k].sum);
     }
-    for (i = 0; i < r->cuts.count; i++) {
-        const envsamp__region *piece = &r->cuts.regions[i];
-        envsamp__mover *m = &r->movers[piece->light];
+    for (pass = 0; pass < 2; pass++) {
+        for (i = 0; i < l->count; i++) {
+            const envsamp__region *piece = &l->regions[i];
+            envsamp__mover *m = &l->movers[piece->light];
+            envsamp_texel *texel = &l->texels[piece->light];
 
-        for (x = piece->x0 - 1, y = piece->y0; envsamp__next_texel(p, piece, &x, &y); ) {
-            envsamp__table_dir(p, x, y, dir);
-            for (c = 0; c < 3; c++)
-                at[c] = (double)m->axis[c];
-            if (envsamp__dot(dir, at) <= m->chord)
-                continue;
-            m->chord = envsamp__dot(dir, at);
-            l->texels[piece->light].x = x;
-            l->texels[piece->light].y = y;
+            for (x = piece->x0 - 1, y = piece->y0; envsamp__next_texel(l, piece, &x, &y); ) {
+                envsamp__map_dir(l, 2 * x + 1, 2 * y + 1, dir);
+                for (c = 0; c < 3; c++)
+                    axis[c] = (double)m->axis[c];
+                cosine = envsamp__dot(dir, axis);
+                if (pass == 0 && cosine > m->chord) {
+                    m->chord = cosine;
+                    texel->x = x;
+                    texel->y = y;
+                } else if (pass == 1 && cosine < farthest) {
+                    l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] = ENVSAMP__DIM;
+                } else if (pass == 1) {
+                    envsamp__add_texel(l, x, y, &m->sum);
+                }
+            }
         }
-    }
-    for (i = 0; i < r->cuts.count; i++) {
-        const envsamp__region *piece = &r->cuts.regions[i];
-        envsamp_texel texel = l->texels[piece->light];
-
-        envsamp__table_dir(p, texel.x, texel.y, at);
-        envsamp__normalise(at, r->movers[piece->light].axis);
-        for (x = piece->x0 - 1, y = piece->y0; envsamp__next_texel(p, piece, &x, &y); ) {
-            envsamp__table_dir(p, x, y, dir);
-            if (envsamp__dot(dir, at) < farthest)
-                l->emission.labels[(size_t)y * (size_t)l->image->width + (size_t)x]
-                    = ENVSAMP__DIM;
-            else
-                envsamp__add_texel_light(p, x, y, &r->movers[piece->light].sum);
+        for (k = 0; k < l->made && pass == 0; k++) {
+            envsamp__map_dir(l, 2 * l->texels[k].x + 1, 2 * l->texels[k].y + 1, dir);
+            envsamp__normalise(dir, l->movers[k].axis);
         }
     }
 }
@@ -8107,94 +7924,76 @@ static void envsamp__place_directs(envsamp__lights *l)
    luminance x solid angle^(1/4). */
 static void envsamp__make_directs(envsamp__lights *l, envsamp_light *lights)
 {
-    const envsamp__emission *e = &l->emission;
-    double dim = e->luminance[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(e->sr[0]));
-    double emissive = e->luminance[1] * ENVSAMP_SQRT(ENVSAMP_SQRT(e->sr[1]));
-    envsamp__relaxation *r = &l->relaxation;
+    double dim = l->dim[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(l->dim[1]));
+    double bright = l->bright[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(l->bright[1]));
     int count = l->desc->count, k;
 
-    if (e->luminance[0] > 0.0) {
-        k = (int)((double)count * emissive / (dim + emissive) + 0.5);
-        count = envsamp__min(emissive > 0.0 ? envsamp__max_int(k, 1) : k, count - 1);
+    if (l->dim[0] > 0.0) {
+        k = (int)((double)count * bright / (dim + bright) + 0.5);
+        count = envsamp__min(bright > 0.0 ? envsamp__max_int(k, 1) : k, count - 1);
     }
-    r->lights = count;
+    l->made = count;
     if (count == 0)
         return;
-    envsamp__begin_cuts(&r->cuts);
-    envsamp__make_pieces(r, e->luminance[1]);
-    r->lights = envsamp__draw_directs(l, envsamp__min(count, r->cuts.count));
-    envsamp__relax(r, l->desc->refine_rounds);
+    envsamp__begin_regions(l, ENVSAMP__EMISSIVE, ENVSAMP_LIGHTS_RELAXED);
+    envsamp__make_pieces(l);
+    l->made = envsamp__draw_directs(l, envsamp__min(count, l->count));
+    envsamp__relax(l, l->desc->refine_rounds);
     envsamp__place_directs(l);
-    for (k = 0; k < r->lights; k++) {
-        envsamp__set_light(&r->movers[k].sum, r->movers[k].axis, 1, &lights[k]);
+    for (k = 0; k < l->made; k++) {
+        envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
         lights[k].direct = 1;
     }
 }
 
 /* ---- EnvIndirects ---- */
 
-/* Cuts what is not emissive into `count` lights. Spread, extent and luminance are divided by the
-   largest of regions that can be cut, anew after every cut, after 64 ever more seldom. */
+/* Cuts what is not emissive into `count` lights. Terms are divided by the largest of regions that
+   can be cut, anew after every cut, after 64 ever more seldom. More lights share the brightest. */
 static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light *lights)
 {
-    envsamp__cuts *cuts = &l->cuts;
     int due = 1, i, k;
 
-    envsamp__begin_cuts(cuts);
-    while (cuts->count < count) {
-        if (cuts->count >= due) {
-            double most[3] = { 0.0, 0.0, 0.0 };
+    envsamp__begin_regions(l, l->made > 0 ? ENVSAMP__DIM : ENVSAMP__ANY,
+                           ENVSAMP_LIGHTS_DECOMPOSED);
+    while (l->count < count && l->heap.entries->key >= 0.0) {
+        if (l->count >= due) {
+            double most[3] = { 0.0, 0.0, 0.0 }, term[3];
 
-            for (i = 0; i < cuts->count; i++)
-                if (cuts->regions[i].key >= 0.0) {
-                    most[0] = envsamp__max(most[0], cuts->regions[i].spread);
-                    most[1] = envsamp__max(most[1], cuts->regions[i].extent);
-                    most[2] = envsamp__max(most[2], cuts->regions[i].sum.luminance);
-                }
-            cuts->weight[0] = (double)l->desc->weight_variance;
-            cuts->weight[1] = (double)l->desc->weight_extent;
-            cuts->weight[2] = (double)l->desc->weight_energy;
+            for (i = 0; i < l->count; i++) {
+                envsamp__region_terms(l, &l->regions[l->heap.entries[i].item], term);
+                for (k = 0; k < 3 && l->heap.entries[i].key >= 0.0; k++)
+                    most[k] = envsamp__max(most[k], term[k]);
+            }
+            l->weight[0] = (double)l->desc->weight_variance;
+            l->weight[1] = (double)l->desc->weight_extent;
+            l->weight[2] = (double)l->desc->weight_energy;
             for (k = 0; k < 3; k++)
-                cuts->weight[k] /= most[k] > 0.0 ? most[k] : 1.0;
-            envsamp__sort_regions(cuts);
-            due = cuts->count + 1 + cuts->count / 64;
+                l->weight[k] /= most[k] > 0.0 ? most[k] : 1.0;
+            envsamp__sort_regions(l, ENVSAMP_LIGHTS_DECOMPOSED);
+            due = l->count + 1 + l->count / 64;
         }
-        if (cuts->regions->key < 0.0)
-            break;
-        envsamp__cut_top(cuts);
+        envsamp__cut_top(l);
     }
-    cuts->rule = ENVSAMP_LIGHTS_MEDIAN_CUT;     /* more lights share the brightest */
-    envsamp__sort_regions(cuts);
-    for (i = cuts->count; i < count; i++) {
-        cuts->regions->copies++;
-        envsamp__set_key(cuts, cuts->regions);
-        envsamp__sink_region(cuts, 0);
-    }
-    envsamp__region_lights(cuts, lights);
+    envsamp__sort_regions(l, ENVSAMP__SHARED);
+    envsamp__cut_lights(l, count, lights);
 }
 
 static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
 {
-    const envsamp__relaxation *r = &l->relaxation;
-    int count = l->desc->count, i, c;
+    int count = l->desc->count, k;
 
-    envsamp__find_emission(&l->emission, l->desc);
-    l->info.threshold = l->emission.threshold;
+    l->info.threshold = l->threshold;
     envsamp__make_directs(l, lights);
-    l->info.direct_count = r->lights;
-    if (r->lights == 0)
-        l->cuts.patches.labels = NULL;
-    if (r->lights > 0 && !(l->emission.luminance[0] > 0.0)) {
-        envsamp__share_lights(lights, r->lights, count);
-        l->info.direct_count = count;
+    l->info.direct_count = l->made;
+    if (l->dim[0] > 0.0) {
+        ENVSAMP_MEMSET(&l->total, 0, sizeof l->total);
+        for (k = 0; k < l->made; k++)
+            envsamp__add_patch(&l->movers[k].sum, &l->total);
+        envsamp__make_indirects(l, count - l->made, lights + l->made);
     } else {
-        envsamp__make_indirects(l, count - r->lights, lights + r->lights);
-    }
-    for (c = 0; c < 3; c++) {
-        for (i = 0; i < r->lights; i++)
-            l->info.integral[c] += r->movers[i].sum.rgb[c];
-        for (i = 0; i < l->cuts.count; i++)
-            l->info.integral[c] += l->cuts.regions[i].sum.rgb[c];
+        envsamp__share_lights(l, lights);
+        l->info.direct_count = count;
     }
 }
 
@@ -8203,105 +8002,88 @@ static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
 static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image,
                                   const envsamp_lights_desc *desc, envsamp__arena *arena)
 {
+    int count = desc->count, moves, chooses, regions, side;
+
     ENVSAMP_MEMSET(l, 0, sizeof *l);
-    l->image = image;
+    l->image = l->pixels.image = image;
     l->desc = desc;
-    l->pixels.image = image;
+    l->method = desc->method == ENVSAMP_LIGHTS_RELAXED && count > ENVSAMP__RELAXED_MAX
+              ? ENVSAMP_LIGHTS_HALFTONE : desc->method;
+    moves = l->method == ENVSAMP_LIGHTS_RELAXED || l->method == ENVSAMP_LIGHTS_DECOMPOSED;
+    chooses = l->method == ENVSAMP_LIGHTS_HALFTONE || l->method == ENVSAMP_LIGHTS_RANDOM;
+    l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
+    regions = moves ? envsamp__max_int(l->most, count) : count;
     l->pixels.row_sr = ENVSAMP__TAKE(double, arena, image->height);
-    if (desc->method != ENVSAMP_LIGHTS_MEDIAN_CUT && desc->method != ENVSAMP_LIGHTS_VARIANCE_CUT)
-        l->texels = ENVSAMP__TAKE(envsamp_texel, arena, desc->count);
-    if (desc->method == ENVSAMP_LIGHTS_MEDIAN_CUT || desc->method == ENVSAMP_LIGHTS_VARIANCE_CUT
-        || desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        envsamp__cuts_carve(&l->cuts, &l->pixels, desc->method, desc->count, arena);
-    } else {
-        l->halftone_desc.count = desc->count;
-        l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
-                                                                        : ENVSAMP_KERNEL_SZIRMAY;
+    if (!chooses && image->mapping != ENVSAMP_OCTAHEDRAL
+        && envsamp__max_int(image->width, image->height) <= 4096) {     /* else much scratch */
+        l->azimuth = ENVSAMP__TAKE(double, arena, 4 * image->width + 2);
+        l->polar = ENVSAMP__TAKE(double, arena, 4 * image->height + 2);
+    }
+
+    /* A patch has as few texels as the largest number of patches each way allows; it is narrower
+       where that leaves few. */
+    side = chooses ? 1 : l->method == ENVSAMP_LIGHTS_RELAXED ? ENVSAMP__PIECE_PATCHES
+                                                             : ENVSAMP__PATCHES_MAX;
+    for (l->wide = 1; envsamp__max_int(image->width, image->height) > side * l->wide; )
+        l->wide *= 2;
+    for (l->tall = l->wide; l->tall > 1 && image->height <= side / 4 * l->tall; )
+        l->tall /= 2;
+    while (l->wide > 1 && image->width <= side / 4 * l->wide)
+        l->wide /= 2;
+    l->across = (image->width + l->wide - 1) / l->wide;
+    l->down = (image->height + l->tall - 1) / l->tall;
+    l->patches = ENVSAMP__TAKE(envsamp__patch, arena, l->across * l->down);
+    if (chooses) {
+        l->halftone_desc.count = count;
+        l->halftone_desc.kernel = l->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
+                                                                     : ENVSAMP_KERNEL_SZIRMAY;
         l->halftone_desc.seed = desc->seed;
         envsamp__halftone_carve(&l->halftone, &l->halftone_desc, &l->pixels, arena);
-    }
-    if (desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
-        envsamp__relaxation_carve(&l->relaxation, &l->pixels, desc->count, arena);
-    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        envsamp__emission_carve(&l->emission, &l->pixels, arena);
-        l->emission.labels = (uint8_t *)envsamp__take(arena, (uint64_t)image->width
-                                                      * (uint64_t)image->height, 1);
-        l->cuts.patches.labels = l->relaxation.cuts.patches.labels = l->emission.labels;
-        l->cuts.patches.label = ENVSAMP__DIM;
-        l->relaxation.cuts.patches.label = ENVSAMP__EMISSIVE;
-    }
-}
-
-/* Integrals of the map, and how many of its pixels are bad. */
-static void envsamp__survey_rows(envsamp__lights *l)
-{
-    const envsamp_image *image = l->image;
-    double sum[4 * ENVSAMP__LANES] = { 0.0 };
-    float mended[4 * ENVSAMP__CHUNK];
-    int channels = image->channels, x, y, i, c;
-
-    for (y = 0; y < image->height; y++)
-        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
-            int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
-            const float *from = envsamp__read_pixels(envsamp__pixel_at(image, x, y), channels,
-                                                      count, mended, &l->info.bad_pixel_count);
-
-            for (i = 0; i < count; i += ENVSAMP__LANES)
-                envsamp__add_floats(from + i * channels,
-                                    channels * envsamp__min(ENVSAMP__LANES, count - i),
-                                    l->pixels.row_sr[y], sum);
-        }
-    for (i = 0; i < ENVSAMP__LANES; i++)
-        for (c = 0; c < 3; c++)
-            l->info.integral[c] += sum[i * channels + (channels == 1 ? 0 : c)];
-}
-
-static void envsamp__survey(envsamp__lights *l)
-{
-    envsamp__cuts *cuts = l->cuts.regions ? &l->cuts : &l->relaxation.cuts;
-
-    envsamp__fill_row_sr(l->image, l->pixels.row_sr);
-    if (l->desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        l->info.bad_pixel_count = envsamp__survey_emission(&l->emission);
-        l->luminance = l->emission.total;
-        return;
-    }
-    if (cuts->regions) {
-        l->info.bad_pixel_count = envsamp__begin_cuts(cuts);
-        ENVSAMP_MEMCPY(l->info.integral, cuts->regions->sum.rgb, sizeof l->info.integral);
     } else {
-        envsamp__survey_rows(l);
+        l->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__LINES_MAX);
+        l->regions = ENVSAMP__TAKE(envsamp__region, arena, regions);
+        l->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, regions);
     }
-    l->luminance = envsamp__luminance(l->info.integral, l->image->channels);
+    if (moves) {
+        l->movers = ENVSAMP__TAKE(envsamp__mover, arena, count);
+        l->points = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(l->most));
+        l->places = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(count));
+        l->reach = ENVSAMP__TAKE(float, arena, l->most);
+    }
+    if (l->method == ENVSAMP_LIGHTS_DECOMPOSED) {
+        envsamp__emission_carve(l, arena);
+        l->labels = ENVSAMP__TAKE(uint8_t, arena, (uint64_t)image->width * (uint64_t)image->height);
+    }
+    if (chooses || l->method == ENVSAMP_LIGHTS_DECOMPOSED)
+        l->texels = ENVSAMP__TAKE(envsamp_texel, arena, count);
 }
 
 /* Lights of chosen texels: where `same` are one texel, steps of a golden ratio put them in it. */
 static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *lights)
 {
-    const envsamp_image *image = l->image;
     int count = l->desc->count, i, k, c, same;
 
     for (i = 0; i < count; i += same) {
         envsamp_texel texel = l->texels[i];
-        double rgb[3], sr = l->luminance / (double)count
-                          / envsamp__texel_value(image, texel.x, texel.y, rgb);
+        double rgb[3], sr = l->total.luminance / (double)count
+                          / envsamp__texel_value(l->image, texel.x, texel.y, rgb);
+        double size = envsamp__min_double(sr, 4.0 * ENVSAMP__PI);
 
         for (same = 1; i + same < count && l->texels[i + same].x == texel.x
                        && l->texels[i + same].y == texel.y; same++)
             continue;
         for (k = 0; k < same; k++) {
-            double down = 0.5 + 0.61803398874989485 * (double)k, size = sr;
+            double down = 0.5 + 0.61803398874989485 * (double)k;
             double across = ((double)k + 0.5) / (double)same;
             envsamp_light *light = &lights[i + k];
 
             down -= (double)(int)down;
-            envsamp_uv_to_dir(image->mapping,
-                              (float)(((double)texel.x + across) / (double)image->width),
-                              (float)(((double)texel.y + down) / (double)image->height),
+            envsamp_uv_to_dir(l->image->mapping,
+                              (float)(((double)texel.x + across) / (double)l->image->width),
+                              (float)(((double)texel.y + down) / (double)l->image->height),
                               light->dir);
             for (c = 0; c < 3; c++)
                 light->irradiance[c] = envsamp__to_float(rgb[c] * sr);
-            size = size < 4.0 * ENVSAMP__PI ? size : 4.0 * ENVSAMP__PI;
             light->solid_angle = (float)size;
             light->cos_extent = (float)(1.0 - size / (2.0 * ENVSAMP__PI));
             light->direct = 0;
@@ -8403,37 +8185,41 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
     envsamp_sizes sizes;
     envsamp__lights l;
     envsamp_result result = envsamp_lights_sizes(image, &filled, &sizes);
-    int made;
 
-    desc = &filled;
     if (result == ENVSAMP_OK)
         result = lights ? envsamp__floats_check(image->pixels) : ENVSAMP_ERR_NULL;
     if (result == ENVSAMP_OK)
-        result = capacity < desc->count ? ENVSAMP_ERR_MEMORY
-                                        : envsamp__buffers_check(&sizes, scratch, scratch);
+        result = capacity < filled.count ? ENVSAMP_ERR_MEMORY
+                                         : envsamp__buffers_check(&sizes, scratch, scratch);
     if (result != ENVSAMP_OK)
         return result;
     arena.base = (char *)scratch.data;
-    envsamp__lights_carve(&l, image, desc, &arena);
-    envsamp__survey(&l);
-    if (desc->strict && l.info.bad_pixel_count)
+    envsamp__lights_carve(&l, image, &filled, &arena);
+    envsamp__fill_row_sr(image, l.pixels.row_sr);
+    if (l.azimuth) {
+        envsamp__fill_angles(l.azimuth, image->width, 2.0);
+        envsamp__fill_angles(l.polar, image->height,
+                             image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
+    }
+    l.info.count = filled.count;
+    l.info.bad_pixel_count = l.method == ENVSAMP_LIGHTS_DECOMPOSED
+                           ? envsamp__find_emission(&l)
+                           : envsamp__begin_regions(&l, ENVSAMP__ANY, l.method);
+    if (filled.strict && l.info.bad_pixel_count)
         return ENVSAMP_ERR_VALUE;
-    if (!(l.luminance > 0.0))
+    if (!(l.total.luminance + l.dim[0] + l.bright[0] > 0.0))
         return ENVSAMP_ERR_BLACK;
-    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
+    if (l.method == ENVSAMP_LIGHTS_DECOMPOSED) {
         envsamp__decompose(&l, lights);
-    } else if (l.cuts.regions) {
-        for (made = 1; made < desc->count; made++)
-            envsamp__cut_top(&l.cuts);
-        envsamp__region_lights(&l.cuts, lights);
-    } else if (desc->method != ENVSAMP_LIGHTS_RELAXED
-               || !envsamp__relax_lights(&l.relaxation, desc->refine_rounds, l.luminance,
-                                         l.info.integral, lights)) {
-        envsamp__halftone_scan(&l.halftone, l.luminance, 0, desc->count, l.texels);
+    } else if (l.method == ENVSAMP_LIGHTS_RELAXED) {
+        envsamp__relax_lights(&l, lights);
+    } else if (!l.texels) {
+        envsamp__cut_lights(&l, filled.count, lights);
+    } else {
+        envsamp__halftone_scan(&l.halftone, l.total.luminance, 0, filled.count, l.texels);
         envsamp__texel_lights(&l, lights);
     }
     envsamp__balance_lights(&l, lights);
-    l.info.count = desc->count;
     if (info)
         *info = l.info;
     return ENVSAMP_OK;
@@ -8445,8 +8231,7 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
 {
     envsamp_lights_desc filled = envsamp__lights_filled(desc);
     envsamp__arena arena = { NULL, 0 };
-    envsamp__emission e;
-    envsamp__pixels pixels;
+    envsamp__lights l;
     envsamp_sizes sizes;
     envsamp_result result;
     size_t bad;
@@ -8460,28 +8245,28 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
         result = envsamp__floats_check(image->pixels);
     if (result != ENVSAMP_OK)
         return result;
-    pixels.image = image;
-    pixels.row_sr = ENVSAMP__TAKE(double, &arena, image->height);
-    envsamp__emission_carve(&e, &pixels, &arena);
-    result = envsamp__set_sizes(&sizes, 0, arena.used);
-    if (result == ENVSAMP_OK)
-        result = envsamp__buffers_check(&sizes, scratch, scratch);
+    l.image = image;
+    l.desc = &filled;
+    l.labels = mask;
+    do {                                /* counts bytes, then takes them */
+        arena.base = (char *)(arena.used > 0 ? scratch.data : NULL);
+        arena.used = 0;
+        l.pixels.row_sr = ENVSAMP__TAKE(double, &arena, image->height);
+        envsamp__emission_carve(&l, &arena);
+        result = envsamp__set_sizes(&sizes, 0, arena.used);
+        if (result == ENVSAMP_OK)
+            result = envsamp__buffers_check(&sizes, scratch, scratch);
+    } while (result == ENVSAMP_OK && !arena.base);
     if (result != ENVSAMP_OK)
         return result;
-    arena.base = (char *)scratch.data;
-    arena.used = 0;
-    pixels.row_sr = ENVSAMP__TAKE(double, &arena, image->height);
-    envsamp__emission_carve(&e, &pixels, &arena);
-    e.labels = mask;
-    envsamp__fill_row_sr(image, pixels.row_sr);
-    bad = envsamp__survey_emission(&e);
+    envsamp__fill_row_sr(image, l.pixels.row_sr);
+    bad = envsamp__find_emission(&l);
     if (filled.strict && bad)
         return ENVSAMP_ERR_VALUE;
-    if (!(e.total > 0.0))
+    if (!(l.dim[0] + l.bright[0] > 0.0))
         return ENVSAMP_ERR_BLACK;
-    envsamp__find_emission(&e, &filled);
     if (threshold)
-        *threshold = e.threshold;
+        *threshold = l.threshold;
     return ENVSAMP_OK;
 }
 
