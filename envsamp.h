@@ -336,7 +336,7 @@ ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void);
 /* How large the two buffers of a build must be. `desc` NULL: the defaults. Needs the image's
    sizes, not its pixels, which may be NULL here. The table may turn out smaller:
    envsamp_kd_bytes. Scratch holds the luminance of the map as floats, a pyramid over it, and the
-   blocks: 5 bytes a texel, 200 a block, FIT 40 more, 100 a row, and 14 KB.
+   blocks: 5 bytes a texel, 160 a block, FIT 48 and `facing` 112 more, 100 a row, and 14 KB.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_sizes *sizes);
