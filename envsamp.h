@@ -7351,7 +7351,7 @@ static void envsamp__set_point(envsamp__points *points, int i, const float dir[3
 /* Writes points of the pieces, with shares of luminance or of a channel, 0 to 2. */
 static void envsamp__fill_points(envsamp__lights *l, int channel, double total)
 {
-    float dir[3];
+    float dir[3] = { 0.0f, 0.0f, 0.0f };
     int i;
 
     ENVSAMP_MEMSET(l->points, 0, ENVSAMP__POINT_GROUPS(l->count) * sizeof *l->points);
