@@ -8,8 +8,8 @@ cc=${CC:-cc}
 tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
 kinds=address,undefined,float-divide-by-zero,float-cast-overflow
-subjects="kd_faults kd_table kd_layout kd_warp kd_facing cdf lm halftone lights lights_cuts
-          lights_decomposed fuzz"
+subjects="kd_faults kd_table kd_layout kd_warp kd_facing kd_target cdf lm halftone lights
+          lights_cuts lights_decomposed fuzz"
 count=0
 
 printf 'int main(void) { return 0; }\n' >"$tmp/probe.c"
