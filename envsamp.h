@@ -325,7 +325,8 @@ typedef struct envsamp_kd_desc {
     int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE */
     int facing;                      /* WARP: nonzero stores what _facing functions need */
     float excess_target;             /* above 0: no more blocks than bring the excess variance of
-                                        ALIAS or WARP down to this; block_count stays the limit */
+                                        ALIAS down to this, of WARP to a tenth above at most;
+                                        block_count stays the limit. WARP splits twice for it */
     float importance_exponent;       /* reserved: 0 */
 } envsamp_kd_desc;
 
