@@ -513,8 +513,14 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
                                              const envsamp_cdf_desc *desc, envsamp_buffer table,
                                              envsamp_buffer scratch, const envsamp_cdf **cdf);
 
-/* The same build in steps, of rows of texels, or from rows that a function makes: as
-   envsamp_kd_begin, _step and _finish. A row of 2048 texels takes 30 microseconds. */
+/* As envsamp_kd_build_rows. */
+ENVSAMP_DEF envsamp_result envsamp_cdf_build_rows(const envsamp_image *image, envsamp_row_fn fn,
+                                                  void *user, const envsamp_cdf_desc *desc,
+                                                  envsamp_buffer table, envsamp_buffer scratch,
+                                                  const envsamp_cdf **cdf);
+
+/* The same build in steps, of rows of texels: as envsamp_kd_begin, _step and _finish. A row of 2048
+   texels takes 30 microseconds. */
 typedef struct envsamp_cdf_job envsamp_cdf_job;
 ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp_row_fn fn,
                                              void *user, const envsamp_cdf_desc *desc,
@@ -6032,17 +6038,25 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_finish(envsamp_cdf_job *job, const envsam
     return result;
 }
 
-ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
-                                             const envsamp_cdf_desc *desc, envsamp_buffer table,
-                                             envsamp_buffer scratch, const envsamp_cdf **cdf)
+ENVSAMP_DEF envsamp_result envsamp_cdf_build_rows(const envsamp_image *image, envsamp_row_fn fn,
+                                                  void *user, const envsamp_cdf_desc *desc,
+                                                  envsamp_buffer table, envsamp_buffer scratch,
+                                                  const envsamp_cdf **cdf)
 {
     envsamp_cdf_job *job = NULL;
-    envsamp_result result = envsamp_cdf_begin(image, NULL, NULL, desc, table, scratch,
+    envsamp_result result = envsamp_cdf_begin(image, fn, user, desc, table, scratch,
                                               cdf ? &job : NULL);
 
     if (cdf)
         *cdf = NULL;
     return result == ENVSAMP_OK ? envsamp_cdf_finish(job, cdf) : result;
+}
+
+ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
+                                             const envsamp_cdf_desc *desc, envsamp_buffer table,
+                                             envsamp_buffer scratch, const envsamp_cdf **cdf)
+{
+    return envsamp_cdf_build_rows(image, NULL, NULL, desc, table, scratch, cdf);
 }
 
 /* ---- opening ---- */

@@ -103,17 +103,25 @@ static inline void sampler_prepare(sampler *s, const sampler_request *request, i
     s->scratch = kd_guarded_make(s->sizes.scratch_bytes, 255 - rubbish);
 }
 
-/* The build in one call, into buffers that are there. Pixels only. */
+/* The build in one call, into buffers that are there. */
 static inline envsamp_result sampler_build(sampler *s)
 {
-    const envsamp_kd_desc kd = sampler_kd_desc(&s->request);
-    const envsamp_cdf_desc cdf = sampler_cdf_desc(&s->request);
+    const sampler_request *r = &s->request;
+    const envsamp_kd_desc kd = sampler_kd_desc(r);
+    const envsamp_cdf_desc cdf = sampler_cdf_desc(r);
 
-    if (s->request.kind == SAMPLER_CDF)
-        return s->result = envsamp_cdf_build(&s->request.image, &cdf, s->table.buffer,
-                                             s->scratch.buffer, &s->cdf);
-    return s->result = envsamp_kd_build(&s->request.image, &kd, s->table.buffer,
-                                        s->scratch.buffer, &s->kd);
+    if (r->fn && r->kind == SAMPLER_CDF)
+        s->result = envsamp_cdf_build_rows(&r->image, r->fn, r->user, &cdf, s->table.buffer,
+                                           s->scratch.buffer, &s->cdf);
+    else if (r->fn)
+        s->result = envsamp_kd_build_rows(&r->image, r->fn, r->user, &kd, s->table.buffer,
+                                          s->scratch.buffer, &s->kd);
+    else if (r->kind == SAMPLER_CDF)
+        s->result = envsamp_cdf_build(&r->image, &cdf, s->table.buffer, s->scratch.buffer,
+                                      &s->cdf);
+    else
+        s->result = envsamp_kd_build(&r->image, &kd, s->table.buffer, s->scratch.buffer, &s->kd);
+    return s->result;
 }
 
 /* The build in steps. Neither the image nor the description outlives _begin. */
@@ -156,13 +164,11 @@ static inline envsamp_result sampler_finish(sampler *s)
                                                       : envsamp_kd_finish(s->kd_job, &s->kd);
 }
 
-/* Buffers and a table, by one call, or, from a function, by two. Free it in either case. */
+/* Buffers and a table, by one call. Free it in either case. */
 static inline int sampler_make(sampler *s, const sampler_request *request)
 {
     sampler_prepare(s, request, 0x3c);
-    if (s->result == ENVSAMP_OK && request->fn && sampler_begin(s) == ENVSAMP_OK)
-        sampler_finish(s);
-    else if (s->result == ENVSAMP_OK && !request->fn)
+    if (s->result == ENVSAMP_OK)
         sampler_build(s);
     return s->result == ENVSAMP_OK;
 }

@@ -186,7 +186,8 @@ static void call_cdf_sizes(void)
 
 static void call_cdf_build(void)
 {
-    fails(envsamp_cdf_build(&map, &cdf_desc, table, scratch, &cdf) != ENVSAMP_OK);
+    fails(envsamp_cdf_build(&map, &cdf_desc, table, scratch, &cdf)
+          || envsamp_cdf_build_rows(&map, give_row, &map, &cdf_desc, table, scratch, &cdf));
 }
 
 static void call_cdf_steps(void)
@@ -300,7 +301,7 @@ static struct family {
     { "kd: sample_n, pdf_n", call_kd_many, 0, 0, "" },
     { "kd: functions of facing", call_kd_facing, 0, 0, "" },
     { "cdf: defaults, sizes", call_cdf_sizes, 0, 0, "" },
-    { "cdf: build", call_cdf_build, 0, 0, "" },
+    { "cdf: build, build_rows", call_cdf_build, 0, 0, "" },
     { "cdf: begin, step, finish", call_cdf_steps, 0, 0, "" },
     { "cdf: open, bytes, info", call_cdf_facts, 0, 0, "" },
     { "cdf: sample, pdf, invert", call_cdf_one, 0, 0, "" },

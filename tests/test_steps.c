@@ -352,7 +352,9 @@ static int rows_agree(const sampler_request *request, const sampler *whole, int 
     sampler s;
 
     prepare_rows(&s, request, &giver, 100 + count);
-    good = sampler_begin(&s) == ENVSAMP_OK;
+    good = sampler_build(&s) == ENVSAMP_OK && sampler_equal(whole, &s) && sampler_intact(&s);
+    giver.count = 0;
+    good &= sampler_begin(&s) == ENVSAMP_OK;
     while (count && good && !done)
         good = sampler_step(&s, count, &done) == ENVSAMP_OK;
     good &= sampler_finish(&s) == ENVSAMP_OK && sampler_equal(whole, &s) && sampler_intact(&s);
