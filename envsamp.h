@@ -49,9 +49,9 @@
  * bits: with that many bits in both u0 and u1, 16384 blocks or all texels render a sky whose sun is
  * hidden within 1 % of its brightness.
  *
- * With `facing` a table of WARP also draws light x cosine about a normal: of diffuse irradiance over
- * 18 real maps 16 points leave 0.29 of the error of light alone, and half or less of what MIS of
- * light and cosine leaves. See envsamp_kd_sample_facing.
+ * With `facing` a table of WARP also draws light x cosine about a normal: over 18 real maps the
+ * error of diffuse irradiance from 16 points is 0.29 of that of light alone, or of MIS with the
+ * cosine. See envsamp_kd_sample_facing.
  *
  * Two functions need no table. envsamp_halftone draws all samples of a map at once by error
  * diffusion, for a map that is used once, such as light x BRDF x cosine at one point.
