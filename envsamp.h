@@ -2896,7 +2896,7 @@ static void envsamp__add_cells(const envsamp__map *map, int k, const envsamp__wi
     for (x = w->x0; x < w->x1; x += ENVSAMP__CHUNK) {
         envsamp__strip_begin(map, k, x, envsamp__min(ENVSAMP__CHUNK, w->x1 - x), rect, &strip);
         if (sums->columns)
-            ENVSAMP_MEMCPY(sums->columns->weight + x - sums->x0, strip.width,
+            ENVSAMP_MEMCPY(sums->columns->weight + (x - sums->x0), strip.width,
                            (size_t)strip.count * sizeof *strip.width);
         for (y = w->y0; y < w->y1; y++) {
             envsamp__row_part part = k == 0 && y > w->y0 && y + 1 < w->y1
