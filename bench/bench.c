@@ -448,26 +448,40 @@ static uint32_t search(const uint32_t *edges, uint32_t count, uint32_t draw)
 static inline envsamp_sample guided_draw(const envsamp_cdf *cdf, float u0, float u1)
 {
     uint32_t across = envsamp__draw(u0), down = envsamp__draw(u1);
-    envsamp__cdf_place at = envsamp__cdf_place_of(cdf, envsamp__cdf_find_row(cdf, down), across);
+    float pdf;
+    envsamp__point p = envsamp__cdf_point(cdf, envsamp__cdf_find_row(cdf, down), down, across,
+                                          &pdf);
 
-    return envsamp__point_sample(cdf->mapping, envsamp__cdf_point(cdf, at, across, down),
-                                 envsamp__cdf_density(cdf, at));
+    return envsamp__point_sample(cdf->mapping, p, pdf);
 }
 
 /* The same but for how row and column are found. */
 static envsamp_sample searched_draw(const envsamp_cdf *cdf, float u0, float u1)
 {
     uint32_t across = envsamp__draw(u0), down = envsamp__draw(u1);
+    const uint32_t *rows = ENVSAMP__ARRAY(uint32_t, cdf, row_edges), *edges;
+    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
+    float fx, fy, x0, x1;
     envsamp__cdf_place at;
     envsamp__point p;
     envsamp_sample s;
 
-    at.row = search(ENVSAMP__ARRAY(uint32_t, cdf, row_edges), cdf->height, down);
-    at.column = search(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row), cdf->width, across);
+    at.row = search(rows, cdf->height, down);
+    edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row);
+    at.column = search(edges, cdf->width, across);
     at.valid = 1;
-    p = envsamp__cdf_point(cdf, at, across, down);
+    row += at.row;
+    rows += at.row;
+    edges += at.column;
+    fx = ((float)(int)(across - edges[0]) + 0.5f) / (float)(int)(edges[1] - edges[0]);
+    fy = ((float)(int)(down - rows[0]) + 0.5f) / (float)(int)(rows[1] - rows[0]);
+    x0 = fmaxf((float)(int)at.column - cdf->offset, 0.0f);
+    x1 = fminf((float)(int)at.column - cdf->offset + 1.0f, (float)(int)cdf->image_width);
+    p.x = (x0 + fx * (x1 - x0)) * cdf->inverse_width;
+    p.north = row[0].top.north + fy * (row[1].top.north - row[0].top.north);
+    p.south = row[0].top.south + fy * (row[1].top.south - row[0].top.south);
     s.pdf = envsamp__cdf_density(cdf, at);
-    s.uv[0] = p.x;
+    s.uv[0] = p.x = envsamp__clamp_unit(p.x);
     s.uv[1] = envsamp__polar_fraction(p.north, p.south);
     envsamp__point_dir(p, ENVSAMP_SQRTF(p.north * p.south), &s.dir[0], &s.dir[1], &s.dir[2]);
     return s;
