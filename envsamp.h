@@ -432,9 +432,9 @@ ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x
    or rough surface are spent below its horizon or at grazing angles. Every direction that
    envsamp_kd_sample can draw keeps a density above zero: results are unbiased for any integrand,
    and strata of u are kept. The table has to be built with `facing`, which takes 80 KB more.
-   normal: in the map's space, as directions are; of any length from 1e-37 to 1e38. For a glossy
-     lobe give the direction of its middle, the mirrored view, and use it in MIS with the BSDF: half
-     the error that the normal leaves. For one of zero, NaN or infinity, and for a table without the
+   normal: in the map's space, as directions are; of any length from 1e-37 to 1e38. For a broad
+     glossy lobe give the mirrored view: half the error that the normal leaves. A sharp lobe needs
+     MIS with the BSDF's samples. For a normal of zero, NaN or infinity, and for a table without the
      data (info: facing), these are the functions of light alone, densities too.
    Time: a sample takes five times as long as of light alone, a density two to three times.
    Source: ours, after the idea of [21]: w of a part of the map is half the mean of the cosine over
@@ -3728,12 +3728,13 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  *                          children in this order. A cut is an azimuth, or, with a minus sign, a
  *                          polar angle, in the coordinates below; 0 where there is none. The first
  *                          node has the root; the first levels are the crown, down to the tiles.
- *     facing   WARP        facing_count x { float cut[7], edge[7]; link child[8]; float mean[3][8],
- *                          square[6][8] }: the top of the tree again, three levels a node, below
- *                          cut i cuts or children 2 i + 1 and 2 i + 2. cut: in the whole unit
- *                          square, across u0, or, with a minus sign, u1; edge: as the cuts of
- *                          nodes. A link that is no place is 1 over the area of the part of the
- *                          unit square that is reached. See "light x cosine" in @kd-sampling.
+ *     facing   WARP        facing_count x { float cut[7], edge[7]; link child[8];
+ *                          float moment[9][8] }: the top of the tree again, three levels a node,
+ *                          below cut i cuts 2 i + 1 and 2 i + 2. cut: in the whole unit square,
+ *                          across u0, or, with a minus sign, u1; edge: as the cuts of nodes. Of
+ *                          eight parts first come the lower sides of cuts 3 to 6, then the higher
+ *                          ones. A link that is no place is 1 over the area of its part in the unit
+ *                          square. moment: sums of x, y, z, then products: see @kd-sampling.
  *     grid     all         2^(grid_bits_x + grid_bits_y) x link: the deepest whose region holds the
  *                          cell (i, j), i along azimuth, at j 2^grid_bits_x + i
  *
@@ -3761,7 +3762,7 @@ typedef struct envsamp__pdf_node { float cut[3]; uint32_t child[4]; } envsamp__p
 typedef struct envsamp__facing_node {
     float cut[7], edge[7];
     uint32_t child[2][4];
-    float mean[3][2][4], square[6][2][4];
+    float moment[9][2][4];
 } envsamp__facing_node;
 
 struct envsamp_kd {
@@ -4321,10 +4322,10 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
     uint32_t *child = &node->child[side][i];
 
     for (k = 0; k < 3; k++) {
-        node->mean[k][side][i] = v[k];
-        node->square[k][side][i] = 1.002f * (share * area * sum->second[k] + rest * v[k] * v[k])
+        node->moment[k][side][i] = v[k];
+        node->moment[3 + k][side][i] = 1.002f * (share * area * sum->second[k] + rest * v[k] * v[k])
                            + 1e-5f * bright;
-        node->square[3 + k][side][i] = 2.004f * (share * area * sum->second[3 + k]
+        node->moment[6 + k][side][i] = 2.004f * (share * area * sum->second[3 + k]
                                            + rest * v[k == 2] * v[k == 0 ? 1 : 2]);
     }
     spread = bright - (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
@@ -4344,20 +4345,20 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
 static void envsamp__facing_fill(envsamp_kd_job *job, envsamp__facing_node *node, uint32_t link)
 {
     uint32_t part[15];
-    int at, lit;
+    int at, exists;
 
     part[0] = link;
     for (at = 0; at < 15; at++) {
         const envsamp__cut *cut = envsamp__facing_cut(job, part[at]);
 
-        lit = part[at] != ENVSAMP__NO_PART;
+        exists = part[at] != ENVSAMP__NO_PART;
         if (at >= 7) {
-            if (lit)
+            if (exists)
                 envsamp__facing_part(job, node, at - 7, part[at]);
             continue;
         }
         node->edge[at] = cut ? envsamp__tree_cut(job->tree.map, cut) : 0.0f;
-        node->cut[at] = lit ? envsamp__facing_of(job, part[at])->cut[0] : 0.0f;
+        node->cut[at] = exists ? envsamp__facing_of(job, part[at])->cut[0] : 0.0f;
         if (cut)
             node->cut[at] = envsamp__with_sign(envsamp__facing_of(job, cut->child[1])
                                                ->cut[2 * cut->axis], cut->axis);
@@ -4760,12 +4761,11 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build_rows(const envsamp_image *image, env
                                                  const envsamp_kd **kd)
 {
     envsamp_kd_job *job = NULL;
-    envsamp_result result = envsamp_kd_begin(image, fn, user, desc, table, scratch,
-                                             kd ? &job : NULL);
+    envsamp_result begun = envsamp_kd_begin(image, fn, user, desc, table, scratch,
+                                            kd ? &job : NULL);
+    envsamp_result finished = envsamp_kd_finish(job, kd);   /* *kd is NULL without a job */
 
-    if (kd)
-        *kd = NULL;
-    return result == ENVSAMP_OK ? envsamp_kd_finish(job, kd) : result;
+    return begun == ENVSAMP_OK ? finished : begun;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
@@ -4896,8 +4896,8 @@ static int envsamp__kd_facing_valid(const envsamp_kd *kd)
         for (i = 0; i < 8; i++)
             if (!envsamp__link_valid(node->child[i / 4][i % 4], at + size, end, size))
                 return 0;
-        for (i = 0; i < 72; i++)        /* mean, then square */
-            if (!envsamp__in_range((&node->mean[0][0][0])[i], -4.0f, 4.0f))
+        for (i = 0; i < 72; i++)
+            if (!envsamp__in_range(node->moment[i / 8][i % 8 / 4][i % 4], -4.0f, 4.0f))
                 return 0;
     }
     return 1;
@@ -5130,13 +5130,15 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
 
 /* ---- light x cosine ----
  *
- * The top of the tree is gone down again, with other probabilities: those of the eight parts of
- * a node are in proportion to w = E[c] + sqrt(E'[c^2]), c the cosine between the normal and what is
- * drawn in a part; half of that would be the mean of the cosine above the horizon if the spread of
- * c were that of its mean square, which for even spreads is 3/4 of the variance. w is a sum of two
- * and a root of a sum of nine products, and above zero below the horizon too: by 1.002 and 1e-5,
- * more than rounding takes. At every cut the number of its axis is stretched to [0, 1]; below, the
- * sample is one of light alone. Weights, sizes and rivals: bench/experiments.md.
+ * A walk down the top of the tree, before the sample of light alone. Each node has eight parts. A
+ * part is taken in proportion to its weight w, and at every cut the number of its axis is stretched
+ * to [0, 1].
+ *
+ * c is the cosine between the normal and a direction that a part draws. The mean of max(c, 0) is
+ * (E[c] + E[|c|]) / 2. E[|c|] is taken as the root of E[c]^2 + 3/4 of the variance of c: exact
+ * where c spreads evenly about 0. So w, twice the mean, is a sum of three products plus the root of
+ * a sum of six. Factors of 1.002 and 1e-5 keep it above what rounding takes, also below the
+ * horizon. What else was tried: bench/experiments.md.
  */
 
 /* A normal, scaled so that nothing overflows, and its products as facing_sum has them; 0 for what
@@ -5173,18 +5175,16 @@ typedef struct envsamp__weights { float part[2][4], pair[4]; } envsamp__weights;
 ENVSAMP__HOT void envsamp__facing_weigh(const envsamp__facing_node *node, const float n[9],
                                         envsamp__weights *w)
 {
+    const float (*m)[2][4] = node->moment;
     int i, k;
 
     for (k = 0; k < 2; k++) {
         float mean[4], square[4];
 
         for (i = 0; i < 4; i++) {
-            mean[i] = node->mean[0][k][i] * n[0] + node->mean[1][k][i] * n[1]
-                    + node->mean[2][k][i] * n[2];
-            square[i] = (node->square[0][k][i] * n[3] + node->square[1][k][i] * n[4]
-                         + node->square[2][k][i] * n[5])
-                      + (node->square[3][k][i] * n[6] + node->square[4][k][i] * n[7]
-                         + node->square[5][k][i] * n[8]);
+            mean[i] = m[0][k][i] * n[0] + m[1][k][i] * n[1] + m[2][k][i] * n[2];
+            square[i] = (m[3][k][i] * n[3] + m[4][k][i] * n[4] + m[5][k][i] * n[5])
+                      + (m[6][k][i] * n[6] + m[7][k][i] * n[7] + m[8][k][i] * n[8]);
         }
         envsamp__sqrt_n(square, 4);
         for (i = 0; i < 4; i++)
@@ -5407,15 +5407,15 @@ ENVSAMP_DEF void envsamp_kd_sample_facing_n(const envsamp_kd *kd, const float no
                                             float *z, float *pdf)
 {
     float to[9];
-    int facing = normal && envsamp__facing_normal(kd, normal, to);
+    const float *facing = normal && envsamp__facing_normal(kd, normal, to) ? to : NULL;
     size_t i;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
     for (i = 0; i < n; i += ENVSAMP__BATCH) {
         float *const out[4] = { x + i, y + i, z + i, pdf + i };
 
-        envsamp__sample_batch(kd, facing ? to : NULL, n - i < ENVSAMP__BATCH ? n - i
-                              : ENVSAMP__BATCH, u0 + i, u1 + i, out);
+        envsamp__sample_batch(kd, facing, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, u0 + i,
+                              u1 + i, out);
     }
 }
 
@@ -6048,12 +6048,11 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_build_rows(const envsamp_image *image, en
                                                   const envsamp_cdf **cdf)
 {
     envsamp_cdf_job *job = NULL;
-    envsamp_result result = envsamp_cdf_begin(image, fn, user, desc, table, scratch,
-                                              cdf ? &job : NULL);
+    envsamp_result begun = envsamp_cdf_begin(image, fn, user, desc, table, scratch,
+                                             cdf ? &job : NULL);
+    envsamp_result finished = envsamp_cdf_finish(job, cdf);   /* *cdf is NULL without a job */
 
-    if (cdf)
-        *cdf = NULL;
-    return result == ENVSAMP_OK ? envsamp_cdf_finish(job, cdf) : result;
+    return begun == ENVSAMP_OK ? finished : begun;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,

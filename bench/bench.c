@@ -18,10 +18,6 @@
 #include "timing.h"
 #include "warp_walk.h"
 
-#ifndef BENCH_FLAGS
-#define BENCH_FLAGS "not given"
-#endif
-
 #define BATCH_COUNT 256             /* divides SLICE_COUNT */
 
 typedef struct bench_state {

@@ -15,10 +15,6 @@
 #include "input.h"
 #include "timing.h"
 
-#ifndef BENCH_FLAGS
-#define BENCH_FLAGS "not given"
-#endif
-
 #define BATCH_COUNT 1024            /* divides SLICE_COUNT: in and out fit the first cache */
 
 /* Inputs as arrays of one component: numbers, then directions, of SLICE_COUNT each. */

@@ -16,10 +16,6 @@
 #include "timing.h"
 #include "warp_walk.h"
 
-#ifndef BENCH_FLAGS
-#define BENCH_FLAGS "not given"
-#endif
-
 #define GROUP_SIZE  4
 #define EVICT_BYTES ((size_t)8 << 20)
 #define LINE        64u

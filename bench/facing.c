@@ -23,10 +23,6 @@
 #define ROUND_COUNT 15
 #include "timing.h"
 
-#ifndef BENCH_FLAGS
-#define BENCH_FLAGS "not given"
-#endif
-
 #define COUNTS 3
 #define SEEDS 16
 #define PATCH_ROWS 6

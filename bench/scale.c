@@ -24,10 +24,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#ifndef BENCH_FLAGS
-#define BENCH_FLAGS "not given"
-#endif
-
 #define BASE_WIDTH   2048           /* the size that others are compared with */
 #define BASE_HEIGHT  1024
 #define SIZE_COUNT   5              /* each twice as wide as the one before */

@@ -60,6 +60,10 @@ static inline void print_cpu(void)
         fclose(file);
 }
 
+#ifndef BENCH_FLAGS
+#define BENCH_FLAGS "not given"
+#endif
+
 static inline void print_compiler(const char *flags)
 {
 #if defined(__clang__)

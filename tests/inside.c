@@ -183,9 +183,9 @@ static void facing_weights(const envsamp__facing_node *node, const double n[3], 
         double mean = 0.0, square = 0.0;
 
         for (k = 0; k < 3; k++) {
-            mean += n[k] * (double)node->mean[k][side][at];
-            square += n[k] * n[k] * (double)node->square[k][side][at];
-            square += n[k == 2] * n[k == 0 ? 1 : 2] * (double)node->square[3 + k][side][at];
+            mean += n[k] * (double)node->moment[k][side][at];
+            square += n[k] * n[k] * (double)node->moment[3 + k][side][at];
+            square += n[k == 2] * n[k == 0 ? 1 : 2] * (double)node->moment[6 + k][side][at];
         }
         sum[7 + i] = mean + sqrt(square);
     }
