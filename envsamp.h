@@ -436,7 +436,7 @@ ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x
      glossy lobe give the mirrored view: half the error that the normal leaves. A sharp lobe needs
      MIS with the BSDF's samples. For a normal of zero, NaN or infinity, and for a table without the
      data (info: facing), these are the functions of light alone, densities too.
-   Time: a sample takes five times as long as of light alone, a density two to three times.
+   Time: a sample takes five to six times as long as of light alone, a density two to three times.
    Source: ours, after the idea of [21]: w of a part of the map is half the mean of the cosine over
    its light plus half the root of its mean square, with a quarter of the variance left out. */
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample_facing(const envsamp_kd *kd,
