@@ -42,8 +42,8 @@ EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
 .PHONY: help demo lights facing product test bench scale fuzz corpus mutants coverage figures \
-        facing-table convergence halftone scene lamps coarse shapes builds targets least-squares \
-        again portability portability-setup data setup clean
+        facing-table convergence halftone scene lamps coarse shapes builds targets importance \
+        least-squares again portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -142,6 +142,9 @@ builds: $(BUILD)/builds  ## what builds take and give over the real maps, beside
 targets: $(BUILD)/targets  ## blocks, bytes and time for targets of excess variance, real maps
 	$(BUILD)/targets
 
+importance: $(BUILD)/importance  ## exponent x compensation x facing under MIS, over the real maps
+	$(BUILD)/importance
+
 least-squares: $(BUILD)/least-squares  ## envsamp_lm on 400 problems of all scales
 	$(BUILD)/least-squares table
 
@@ -238,6 +241,9 @@ $(BUILD)/builds: bench/builds.c bench/builds_version.c $(TIMED) $(COMMON) $(OBJE
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' $(if $(HEADER),-DWITH_BEFORE) bench/builds.c $(TIMED) \
 	    $(COMMON) $(BUILD)/builds_now.o $(if $(HEADER),$(BUILD)/builds_before.o) \
 	    $(BUILD)/envsamp.o tests/inside.c -lm -o $@
+
+$(BUILD)/importance: bench/importance.c examples/common/picture.c $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) bench/importance.c tests/inside.c examples/common/picture.c $(COMMON) -lm -o $@
 
 $(BUILD)/targets: bench/targets.c bench/input.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/targets.c bench/input.c tests/inside.c $(COMMON) \

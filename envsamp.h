@@ -92,6 +92,16 @@
  * zero where the map is dimmer than what was subtracted. The table stores the amount. Its integral
  * stays that of the map; its other figures are of what is left.
  *
+ * IMPORTANCE FOR MIS. With `importance_exponent` e, directions are drawn in proportion to luminance
+ * to the power e, after any compensation. Density stays above zero wherever there is light. Under
+ * MIS with the BSDF, 16 samples a point, 18 maps, RMSE is 0.86 of that without at 1.15, 0.75 with
+ * full compensation, 0.73 with both; with light x cosine 0.77, at 1.15 0.69, compensated 0.63.
+ * - Every use is a sum of MIS: compensation 1, exponent 1.
+ * - Some are not, as in light tracing: exponent 1.15, better on all 18; 1.5 is worse on some.
+ * - No MIS: exponent 1. excess_variance says what another costs.
+ * integral, excess_variance and max_ratio stay those of luminance; excess_target is of what blocks
+ * leave of importance. Rows are read three times, and a build takes a third longer.
+ *
  * PLACING IT IN A SCENE. Build the table of the map as it is, once; turn directions, not pixels.
  * With a matrix whose rows are the map's axes in the world:
  *
@@ -255,7 +265,7 @@ typedef struct envsamp_image {
    memory of the build. For maps that are not aligned floats in memory: half, RGBE, tiled,
    procedural, out of core. Returns ENVSAMP_OK, or the result that ends the build. Rows are asked
    for from 0 on, each once; twice, in two passes, with MIS compensation and for an octahedral map
-   that is looked up bilinearly. */
+   that is looked up bilinearly; three times with an exponent of importance. */
 typedef envsamp_result (*envsamp_row_fn)(int y, float *row, void *user);
 
 typedef struct envsamp_buffer { void *data; size_t bytes; } envsamp_buffer;
@@ -331,7 +341,7 @@ typedef struct envsamp_kd_desc {
     float excess_target;             /* above 0: no more blocks than bring the excess variance of
                                         ALIAS down to this, of WARP to a tenth above at most;
                                         block_count stays the limit. WARP splits twice for it */
-    float importance_exponent;       /* reserved: 0 */
+    float importance_exponent;       /* 0.5..2, 0: 1; see IMPORTANCE FOR MIS */
 } envsamp_kd_desc;
 
 typedef struct envsamp_kd envsamp_kd;
@@ -341,7 +351,7 @@ ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void);
 /* How large the two buffers of a build must be. `desc` NULL: the defaults. Needs the image's
    sizes, not its pixels, which may be NULL here. The table may turn out smaller:
    envsamp_kd_bytes. Scratch holds the luminance of the map as floats, a pyramid over it, and the
-   blocks: 5 bytes a texel, 160 a block, FIT 48 and `facing` 112 more, 100 a row, and 14 KB.
+   blocks: 5 bytes a texel, 168 a block, FIT 48 and `facing` 112 more, 100 a row, and 14 KB.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_sizes *sizes);
@@ -495,7 +505,7 @@ typedef struct envsamp_cdf_desc {
     float mis_compensation;          /* 0 none .. 1 full: see MIS COMPENSATION */
     int nearest;                     /* 0: radiance is looked up bilinearly; else nearest texel */
     int strict;                      /* nonzero: a bad pixel is ENVSAMP_ERR_VALUE */
-    float importance_exponent;       /* reserved: 0 */
+    float importance_exponent;       /* 0.5..2, 0: 1; see IMPORTANCE FOR MIS */
 } envsamp_cdf_desc;
 
 typedef struct envsamp_cdf envsamp_cdf;
@@ -1631,25 +1641,43 @@ typedef struct envsamp__source {
     float *side[2];             /* octahedral, bilinear: first and last texel of every row */
     int bilinear, strict;
     float compensation, dim;    /* MIS compensation, and what is subtracted for it */
+    float exponent, power;      /* of importance, and what is in force of it: 0 none */
     double integral;            /* of luminance, and its maximum, if the map was surveyed */
     float brightest;
     size_t bad_pixel_count;
 } envsamp__source;
 
+/* Of a description, what both kd and cdf have counts. */
 static void envsamp__source_carve(envsamp__source *source, const envsamp_image *image,
-                                  int bilinear, float compensation, envsamp__arena *arena)
+                                  const envsamp_kd_desc *desc, envsamp__arena *arena)
 {
-    uint64_t folds = bilinear && image->mapping == ENVSAMP_OCTAHEDRAL ? (uint64_t)image->height : 0;
+    int folds = !desc->nearest && image->mapping == ENVSAMP_OCTAHEDRAL ? image->height : 0;
 
     source->image = *image;
-    source->bilinear = bilinear;
-    source->compensation = compensation > 0.0f ? compensation : 0.0f;
+    source->bilinear = !desc->nearest;
+    source->strict = desc->strict;
+    source->compensation = desc->mis_compensation;
+    source->exponent = desc->importance_exponent;
     source->row = ENVSAMP__TAKE(float, arena, (uint64_t)image->width * (uint64_t)image->channels);
     source->side[0] = ENVSAMP__TAKE(float, arena, folds);
     source->side[1] = ENVSAMP__TAKE(float, arena, folds);
 }
 
-/* Luminance of a row of texels. */
+/* What is left of a luminance after compensation, and that to the power in force, so that the
+   brightest remains what it is and nothing lit becomes black. */
+static inline float envsamp__importance(const envsamp__source *source, float luminance)
+{
+    float rest = luminance > source->dim ? luminance - source->dim : 0.0f, raised;
+    double most = (double)source->brightest - (double)source->dim;
+
+    if (!(source->power > 0.0f && rest > 0.0f && (double)rest < most))
+        return rest;
+    raised = (float)(most * envsamp__exp2((double)source->power
+                                          * envsamp__log2((double)rest / most)));
+    return raised > FLT_MIN ? raised : rest < FLT_MIN ? rest : FLT_MIN;
+}
+
+/* Luminance of a row of texels, or their importance. */
 static envsamp_result envsamp__source_row(envsamp__source *source, int y, float *luminance)
 {
     const envsamp_image *image = &source->image;
@@ -1659,9 +1687,11 @@ static envsamp_result envsamp__source_row(envsamp__source *source, int y, float 
 
     if (result != ENVSAMP_OK)
         return result;
-    source->bad_pixel_count += envsamp__luminance_row(image, row, luminance);
-    for (x = 0; x < image->width && source->dim > 0.0f; x++)
-        luminance[x] = luminance[x] > source->dim ? luminance[x] - source->dim : 0.0f;
+    source->bad_pixel_count = (y > 0 ? source->bad_pixel_count : 0)
+                            + envsamp__luminance_row(image, row, luminance);
+    if (source->dim > 0.0f || source->power > 0.0f)
+        for (x = 0; x < image->width; x++)
+            luminance[x] = envsamp__importance(source, luminance[x]);
     return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
@@ -1671,8 +1701,8 @@ static void envsamp__end_line(const envsamp__source *source, int y, float *line)
 {
     int width = source->image.width, mirrored = source->image.height - 1 - y;
     int fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
-    float before = fold ? source->side[0][mirrored] : line[width];
-    float after = fold ? source->side[1][mirrored] : line[1];
+    float before = fold ? envsamp__importance(source, source->side[0][mirrored]) : line[width];
+    float after = fold ? envsamp__importance(source, source->side[1][mirrored]) : line[1];
 
     line[0] = envsamp__half(line[1]) + envsamp__half(before);
     line[width + 1] = envsamp__half(line[width]) + envsamp__half(after);
@@ -1694,7 +1724,8 @@ static void envsamp__border_line(const envsamp__source *source, int y, int outsi
         line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
     }
     corner = image->mapping != ENVSAMP_OCTAHEDRAL ? line[width]
-           : envsamp__half(source->side[0][mirrored]) + envsamp__half(source->side[1][mirrored]);
+           : envsamp__half(envsamp__importance(source, source->side[0][mirrored]))
+           + envsamp__half(envsamp__importance(source, source->side[1][mirrored]));
     line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(corner);
 }
 
@@ -2257,13 +2288,12 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
 /* Begins to read: makes row edges, rows, and solid angles of the rows of every level. Returns
    whether all rows are read once before a build begins. */
 static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
-                                 void *user, int strict)
+                                 void *user)
 {
     int k, y;
 
     source->fn = fn;
     source->user = user;
-    source->strict = strict;
     ENVSAMP_MEMSET(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
     for (y = 0; y <= map->height; y++) {
         map->cap[y] = -1.0;
@@ -2283,13 +2313,13 @@ static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, env
         ENVSAMP_MEMSET(level->mean + cells, 0, 4 * sizeof(float));
         ENVSAMP_MEMSET(level->deviation + cells, 0, 4 * sizeof(float));
     }
-    return source->compensation > 0.0f
+    return source->compensation > 0.0f || source->exponent != 1.0f
         || (source->bilinear && source->image.mapping == ENVSAMP_OCTAHEDRAL);
 }
 
-/* Reads a row ahead of the build, with memory for one row of luminance. After the last one it sets
-   what compensation subtracts from every texel [8]: nothing where nothing or only rounding would be
-   left of a map. */
+/* Reads a row ahead of the build, with memory for one row of luminance. After the last one it puts
+   compensation and exponent in force. Compensation [8] subtracts nothing where nothing or only
+   rounding would be left of a map. */
 static envsamp_result envsamp__survey_row(envsamp__source *source, const envsamp__map *map, int y,
                                           float *luminance)
 {
@@ -2311,18 +2341,11 @@ static envsamp_result envsamp__survey_row(envsamp__source *source, const envsamp
         source->side[i][y] = luminance[i ? map->image_width - 1 : 0];
     if (y + 1 < map->image_height)
         return ENVSAMP_OK;
-    source->bad_pixel_count = 0;
     dim = (float)((double)source->compensation * source->integral / whole_sr);
-    if (!(source->compensation > 0.0f && (double)source->brightest > 1.0001 * (double)dim)) {
-        source->compensation = 0.0f;
-        return ENVSAMP_OK;
-    }
+    if (!((double)source->brightest > 1.0001 * (double)dim))
+        source->compensation = dim = 0.0f;
     source->dim = dim;
-    for (i = 0; i < 2 * map->image_height && folds; i++) {
-        float *texel = &source->side[i % 2][i / 2];
-
-        *texel = *texel > dim ? *texel - dim : 0.0f;
-    }
+    source->power = source->exponent != 1.0f ? source->exponent : 0.0f;
     return ENVSAMP_OK;
 }
 
@@ -2674,6 +2697,7 @@ typedef struct envsamp__block {
     double column_sr;                   /* solid angle of a column one cell wide */
     envsamp__moments whole, low, high;  /* of the block; of the two parts of its best split */
     double at;                          /* best split: the column or row of cells */
+    double weight;                      /* what it is drawn by */
     uint32_t slot;                      /* where the tree refers to the block */
     unsigned short depth;               /* cuts above it, those of the crown not counted: WARP */
     signed char axis;                   /* of the best split: 0 at a column, 1 at a row; -1 none */
@@ -3891,6 +3915,7 @@ struct envsamp__job {
     envsamp_result result;
     envsamp__phase phase;
     int next;                       /* the item of the phase */
+    int is_reread;                  /* of luminance, not importance, after draws were chosen */
     uint32_t magic;                 /* of a finished table */
     envsamp__check sums;
     int (*work)(void *job, int item);   /* of the other phases; 0 at the end of one */
@@ -3898,13 +3923,13 @@ struct envsamp__job {
 
 /* A job of `bytes` bytes at the beginning of a buffer, and what it reads the map with. */
 static void envsamp__job_carve(envsamp__job *job, size_t bytes, const envsamp_image *image,
-                               int bilinear, float compensation, uint64_t lines,
+                               const envsamp_kd_desc *desc, uint64_t lines,
                                envsamp__arena *arena)
 {
     ENVSAMP_MEMSET(job, 0, bytes);
     envsamp__take(arena, 1, bytes);
-    envsamp__source_carve(&job->source, image, bilinear, compensation, arena);
-    envsamp__map_carve(&job->map, image, bilinear, lines, arena);
+    envsamp__source_carve(&job->source, image, desc, arena);
+    envsamp__map_carve(&job->map, image, !desc->nearest, lines, arena);
 }
 
 static envsamp_result envsamp__job_check(const envsamp_image *image, envsamp_row_fn fn,
@@ -3917,14 +3942,26 @@ static envsamp_result envsamp__job_check(const envsamp_image *image, envsamp_row
 }
 
 static void envsamp__job_start(envsamp__job *job, void *table, uint32_t magic,
-                               int (*work)(void *, int), envsamp_row_fn fn, void *user,
-                               int strict)
+                               int (*work)(void *, int), envsamp_row_fn fn, void *user)
 {
     job->table = table;
     job->magic = magic;
     job->work = work;
-    job->phase = envsamp__source_begin(&job->source, &job->map, fn, user, strict)
+    job->phase = envsamp__source_begin(&job->source, &job->map, fn, user)
                ? ENVSAMP__SURVEY : ENVSAMP__ROWS;
+}
+
+/* Where draws were chosen by another importance than luminance, has the rows read again as they
+   are, for the figures of the table. Returns whether it does. */
+static int envsamp__job_reread(envsamp__job *job)
+{
+    if (!(job->source.power > 0.0f))
+        return 0;
+    job->source.power = 0.0f;
+    job->map.integral = 0.0;
+    job->is_reread = 1;
+    job->phase = ENVSAMP__SURVEY;       /* ROWS is next */
+    return 1;
 }
 
 static envsamp_result envsamp__job_step(envsamp__job *job, int count, int *done)
@@ -3998,7 +4035,7 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     uint64_t count = cells < (uint64_t)desc->block_count ? cells : (uint64_t)desc->block_count;
     envsamp__tree *tree = &job->tree;
 
-    envsamp__job_carve(&job->base, sizeof *job, image, bilinear, desc->mis_compensation, 0, arena);
+    envsamp__job_carve(&job->base, sizeof *job, image, desc, 0, arena);
     job->desc = *desc;
     job->block_limit = (int)count;
     tree->map = &job->base.map;
@@ -4161,22 +4198,10 @@ static double envsamp__region_area(const envsamp_kd *kd, const float cut[4])
 
 /* ---- writing WARP ---- */
 
-/* Weight of a block that is lit, however little: zero would leave its light unsampled. */
-static double envsamp__lit_weight(const envsamp__map *map, const envsamp__block *b, double weight)
-{
-    return weight < DBL_MIN && envsamp__rect_peak(map, &b->rect, 0.0) > 0.0 ? DBL_MIN : weight;
-}
-
-static double envsamp__block_q(const envsamp__map *map, const envsamp__block *b)
-{
-    return envsamp__lit_weight(map, b, envsamp__whole_q(b));
-}
-
 /* Q of what a link of the tree leads to. */
 static double envsamp__link_q(const envsamp__tree *tree, const double *q, uint32_t link)
 {
-    return link & ENVSAMP__LEAF ? envsamp__block_q(tree->map, &tree->blocks[link & ~ENVSAMP__LEAF])
-                                : q[link];
+    return link & ENVSAMP__LEAF ? tree->blocks[link & ~ENVSAMP__LEAF].weight : q[link];
 }
 
 /* Adds what a block costs that has a density. */
@@ -4531,6 +4556,9 @@ static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
 /* All arrays but the grid; WARP: one more tile, after the last the others. Returns 0 at the end. */
 static int envsamp__write_arrays(envsamp_kd_job *job, envsamp_kd *kd, uint32_t item)
 {
+    const envsamp__source *source = &job->base.source;
+    const envsamp__map *map = &job->base.map;
+
     if (kd->select != ENVSAMP_KD_WARP) {
         envsamp__write_blocks(job, kd);
     } else {
@@ -4539,7 +4567,10 @@ static int envsamp__write_arrays(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i
             return 1;
         kd->block_count = kd->drawn_count = envsamp__tile_count(kd) + job->cut_count;
     }
-    kd->excess_variance = envsamp__excess(job->second, job->base.map.integral);
+    kd->integral = source->compensation > 0.0f ? source->integral : map->integral;
+    kd->excess_variance = envsamp__excess(job->second, map->integral);
+    kd->mis_compensation = source->compensation;
+    kd->bad_pixel_count = source->bad_pixel_count;
     kd->node_count = envsamp__number_nodes(job);
     envsamp__kd_layout(kd);
     if (kd->select == ENVSAMP_KD_ALIAS)
@@ -4568,10 +4599,14 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
     kd->width = (uint32_t)source->image.width;
     kd->height = (uint32_t)source->image.height;
     kd->bilinear = !desc->nearest;
-    kd->integral = source->compensation > 0.0f ? source->integral : tree->map->integral;
-    kd->mis_compensation = source->compensation;
-    kd->bad_pixel_count = source->bad_pixel_count;
     kd->block_count = kd->drawn_count = (uint32_t)tree->block_count;
+    for (i = 0; i < tree->block_count; i++) {
+        envsamp__block *b = &tree->blocks[i];
+
+        b->weight = fit_l1 ? b->whole.sum : envsamp__whole_q(b);
+        if (b->weight < DBL_MIN && envsamp__rect_peak(tree->map, &b->rect, 0.0) > 0.0)
+            b->weight = DBL_MIN;        /* zero would leave its light unsampled */
+    }
     if (kd->select == ENVSAMP_KD_WARP) {
         for (i = tree->block_count - 2; i >= 0; i--)    /* children come after their parents */
             q[i] = envsamp__link_q(tree, q, tree->cuts[i].child[0])
@@ -4581,11 +4616,8 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
         return;
     }
     for (i = 0; i < tree->block_count; i++) {
-        const envsamp__block *b = &tree->blocks[i];
-
         job->order[i] = (uint32_t)i;
-        q[i] = fit_l1 ? envsamp__lit_weight(tree->map, b, b->whole.sum)
-                      : envsamp__block_q(tree->map, b);
+        q[i] = tree->blocks[i].weight;
     }
     if (kd->select == ENVSAMP_KD_FIT) {
         envsamp__choose_fit(job, kd);
@@ -4606,7 +4638,16 @@ static envsamp_kd_desc envsamp__kd_filled(const envsamp_kd_desc *desc)
         filled = *desc;
     if (filled.block_count == 0)
         filled.block_count = 6144;
+    if (envsamp__is_zero(filled.importance_exponent))
+        filled.importance_exponent = 1.0f;
     return filled;
+}
+
+/* Whether the fields that cdf has, too, are in range. */
+static int envsamp__reading_valid(const envsamp_kd_desc *filled)
+{
+    return envsamp__in_range(filled->mis_compensation, 0.0f, 1.0f)
+        && envsamp__in_range(filled->importance_exponent, 0.5f, 2.0f);
 }
 
 ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void) { return envsamp__kd_filled(NULL); }
@@ -4627,10 +4668,9 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
         || (uint32_t)filled.criterion > ENVSAMP_KD_RANGE
         || (uint32_t)filled.model > ENVSAMP_KD_POWER
         || (uint32_t)filled.objective > ENVSAMP_KD_CHI2
-        || !envsamp__in_range(filled.mis_compensation, 0.0f, 1.0f)
+        || !envsamp__reading_valid(&filled)
         || (filled.facing && filled.select != ENVSAMP_KD_WARP)
-        || !envsamp__in_range(filled.excess_target, 0.0f, FLT_MAX)
-        || !envsamp__is_zero(filled.importance_exponent))
+        || !envsamp__in_range(filled.excess_target, 0.0f, FLT_MAX))
         return ENVSAMP_ERR_PARAM;
     envsamp__kd_carve(&job, image, &filled, &arena);
     ENVSAMP_MEMSET(&layout, 0, sizeof layout);
@@ -4671,8 +4711,10 @@ static int envsamp__kd_work(void *work, int item)
             job->crown_blocks = 0;
         return 0;
     case ENVSAMP__PYRAMID:
-        if (job->level >= map->level_count)
+        if (job->level >= map->level_count) {
+            base->phase = base->is_reread ? (envsamp__phase)(ENVSAMP__MOMENTS - 1) : base->phase;
             return 0;
+        }
         level = &map->levels[job->level];
         for (x = 0; x < level->width; x++)
             envsamp__merge_cells(map, job->level, x, item);
@@ -4701,11 +4743,13 @@ static int envsamp__kd_work(void *work, int item)
         }
         return 0;
     case ENVSAMP__MOMENTS:
-        if (tree->blocks[item].rough)
+        if (tree->blocks[item].rough || base->is_reread)
             tree->blocks[item].whole = envsamp__rect_moments(map, &tree->blocks[item].rect);
         return item + 1 < tree->block_count;
     case ENVSAMP__PROBABILITIES:
-        envsamp__choose(job, kd);
+        if (!base->is_reread)
+            envsamp__choose(job, kd);
+        envsamp__job_reread(base);
         return 0;
     case ENVSAMP__WRITE:
         return envsamp__write_arrays(job, kd, (uint32_t)item);
@@ -4736,8 +4780,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
     *job = (envsamp_kd_job *)scratch.data;
     envsamp__kd_carve(*job, image, &filled, &arena);
     ENVSAMP_MEMSET(table.data, 0, sizes.table_bytes);
-    envsamp__job_start(&(*job)->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user,
-                       filled.strict);
+    envsamp__job_start(&(*job)->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user);
     return ENVSAMP_OK;
 }
 
@@ -5796,7 +5839,7 @@ struct envsamp_cdf_job {
 };
 
 /* Lays a build out: its scratch memory, the job first, and the header of its table. */
-static void envsamp__cdf_plan(const envsamp_image *image, const envsamp_cdf_desc *desc,
+static void envsamp__cdf_plan(const envsamp_image *image, const envsamp_kd_desc *desc,
                               envsamp__arena *arena, envsamp_cdf_job *job, envsamp_cdf *cdf)
 {
     ENVSAMP_MEMSET(cdf, 0, sizeof *cdf);
@@ -5806,8 +5849,7 @@ static void envsamp__cdf_plan(const envsamp_image *image, const envsamp_cdf_desc
     cdf->image_width = (uint32_t)image->width;
     cdf->image_height = (uint32_t)image->height;
     envsamp__cdf_layout(cdf);
-    envsamp__job_carve(&job->base, sizeof *job, image, (int)cdf->bilinear, desc->mis_compensation,
-                       1 + 2 * cdf->bilinear, arena);
+    envsamp__job_carve(&job->base, sizeof *job, image, desc, 1 + 2 * cdf->bilinear, arena);
     job->weight = ENVSAMP__TAKE(double, arena, cdf->width + 7);
     job->peak = ENVSAMP__TAKE(float, arena, cdf->width + 7);
     job->row_mass = ENVSAMP__TAKE(double, arena, cdf->height + 3);
@@ -5879,8 +5921,10 @@ static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, const float *lin
         ENVSAMP_MEMCPY(job->weight + x0, weight, sizeof weight);
         ENVSAMP_MEMCPY(job->peak + x0, peak, sizeof peak);
     }
-    for (x = width; x < x0; x++)
+    for (x = width; x < x0; x++) {
+        job->weight[x] = 0.0;
         job->peak[x] = 0.0f;
+    }
     for (x = 0; x < 2 && next; x++) {       /* cells that are half as wide */
         job->weight[x * (width - 1)] *= 0.5;
         job->peak[x * (width - 1)] *= 0.5f;
@@ -5895,8 +5939,9 @@ static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y, const float *lin
     double square[4] = { 0.0 }, peak[4] = { 0.0 }, inverse[4], sr = job->base.map.rows[y].sr;
 
     envsamp__cdf_weigh_row(job, y, line);
-    job->row_mass[y] = sr * envsamp__cdf_share(job->weight, cdf->width, edges, cdf->guide_bits,
-                                               ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y));
+    if (!job->base.is_reread)
+        job->row_mass[y] = sr * envsamp__cdf_share(job->weight, cdf->width, edges, cdf->guide_bits,
+                                                   ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y));
     for (x = 0; x < cdf->width; x += 4) {
         const uint32_t *edge = edges + x;
         const double *weight = job->weight + x;
@@ -5967,6 +6012,8 @@ static int envsamp__cdf_work(void *work, int item)
         base->result = ENVSAMP_ERR_BLACK;
         return 1;
     }
+    if (envsamp__job_reread(base))
+        return 0;
     envsamp__cdf_write_rows(job, cdf);
     cdf->integral = base->source.compensation > 0.0f ? base->source.integral : map->integral;
     cdf->mis_compensation = base->source.compensation;
@@ -5975,9 +6022,24 @@ static int envsamp__cdf_work(void *work, int item)
     return 0;
 }
 
+/* As envsamp__kd_filled, by what kd calls the same. */
+static envsamp_kd_desc envsamp__cdf_filled(const envsamp_cdf_desc *desc)
+{
+    envsamp_kd_desc common;
+
+    ENVSAMP_MEMSET(&common, 0, sizeof common);
+    if (desc) {
+        common.mis_compensation = desc->mis_compensation;
+        common.nearest = desc->nearest;
+        common.strict = desc->strict;
+        common.importance_exponent = desc->importance_exponent;
+    }
+    return envsamp__kd_filled(&common);
+}
+
 ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
 {
-    const envsamp_cdf_desc desc = { 0.0f, 0, 0, 0.0f };
+    const envsamp_cdf_desc desc = { 0.0f, 0, 0, 1.0f };
 
     return desc;
 }
@@ -5985,19 +6047,17 @@ ENVSAMP_DEF envsamp_cdf_desc envsamp_cdf_defaults(void)
 ENVSAMP_DEF envsamp_result envsamp_cdf_sizes(const envsamp_image *image,
                                              const envsamp_cdf_desc *desc, envsamp_sizes *sizes)
 {
-    envsamp_cdf_desc defaults = envsamp_cdf_defaults();
+    envsamp_kd_desc filled = envsamp__cdf_filled(desc);
     envsamp__arena arena = { NULL, 0 };
     envsamp_cdf_job job;
     envsamp_cdf layout;
     envsamp_result result = envsamp__begin_sizes(image, sizes);
 
-    desc = desc ? desc : &defaults;
     if (result != ENVSAMP_OK)
         return result;
-    if (!envsamp__in_range(desc->mis_compensation, 0.0f, 1.0f)
-        || !envsamp__is_zero(desc->importance_exponent))
+    if (!envsamp__reading_valid(&filled))
         return ENVSAMP_ERR_PARAM;
-    envsamp__cdf_plan(image, desc, &arena, &job, &layout);
+    envsamp__cdf_plan(image, &filled, &arena, &job, &layout);
     return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
 
@@ -6006,7 +6066,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
                                              envsamp_buffer table, envsamp_buffer scratch,
                                              envsamp_cdf_job **job)
 {
-    envsamp_cdf_desc defaults = envsamp_cdf_defaults();
+    envsamp_kd_desc filled = envsamp__cdf_filled(desc);
     envsamp__arena arena = { (char *)scratch.data, 0 };
     envsamp_cdf *cdf = (envsamp_cdf *)table.data;
     envsamp_sizes sizes;
@@ -6015,16 +6075,14 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
     if (!job)
         return ENVSAMP_ERR_NULL;
     *job = NULL;
-    desc = desc ? desc : &defaults;
     result = envsamp_cdf_sizes(image, desc, &sizes);
     if (result == ENVSAMP_OK)
         result = envsamp__job_check(image, fn, &sizes, table, scratch);
     if (result != ENVSAMP_OK)
         return result;
     *job = (envsamp_cdf_job *)scratch.data;
-    envsamp__cdf_plan(image, desc, &arena, *job, cdf);
-    envsamp__job_start(&(*job)->base, cdf, ENVSAMP__CDF_MAGIC, envsamp__cdf_work, fn, user,
-                       desc->strict);
+    envsamp__cdf_plan(image, &filled, &arena, *job, cdf);
+    envsamp__job_start(&(*job)->base, cdf, ENVSAMP__CDF_MAGIC, envsamp__cdf_work, fn, user);
     return ENVSAMP_OK;
 }
 

@@ -285,7 +285,8 @@ static void request_kd(fuzz_input *in, envsamp_kd_desc *desc)
     if (fuzz_rarely(in, 16)) {
         desc->facing = (int)fuzz_below(in, 2);
         desc->excess_target = fuzz_rarely(in, 2) ? fuzz_float(in) : 0.0f;
-        desc->importance_exponent = fuzz_rarely(in, 2) ? fuzz_float(in) : 0.0f;
+        desc->importance_exponent = fuzz_rarely(in, 4) ? fuzz_float(in)
+                                                       : 0.5f + 1.5f * fuzz_unit(in);
     }
 }
 
@@ -537,7 +538,7 @@ static envsamp_result give_row(int y, float *row, void *user)
     const uint8_t *at = (const uint8_t *)row;
 
     FUZZ_CHECK(y == source->calls % source->map->image.height);
-    FUZZ_CHECK(source->calls < 2 * source->map->image.height);
+    FUZZ_CHECK(source->calls < 3 * source->map->image.height);
     FUZZ_CHECK(source->fail_at < 0 || source->calls <= source->fail_at);
     FUZZ_CHECK(at >= source->scratch->data
                && at + bytes <= source->scratch->data + source->scratch->bytes);

@@ -28,7 +28,7 @@ typedef struct sampler_request {
     void *user;
     int blocks;                 /* kd only */
     int bilinear, strict;
-    float compensation;
+    float compensation, exponent;
 } sampler_request;
 
 typedef struct sampler {
@@ -71,6 +71,7 @@ static inline envsamp_kd_desc sampler_kd_desc(const sampler_request *request)
     desc.nearest = !request->bilinear;
     desc.strict = request->strict;
     desc.mis_compensation = request->compensation;
+    desc.importance_exponent = request->exponent;
     return desc;
 }
 
@@ -81,6 +82,7 @@ static inline envsamp_cdf_desc sampler_cdf_desc(const sampler_request *request)
     desc.nearest = !request->bilinear;
     desc.strict = request->strict;
     desc.mis_compensation = request->compensation;
+    desc.importance_exponent = request->exponent;
     return desc;
 }
 

@@ -1,4 +1,4 @@
-/* test_mapping.c: all samplers in all mappings, and with MIS compensation, against sums over the
+/* test_mapping.c: all samplers in all mappings, with MIS compensation and exponents, against sums
  * map that know nothing of the library. */
 #include "check.h"
 #include "statistics.h"
@@ -248,11 +248,25 @@ static envsamp_image what_is_left(const envsamp_image *map, int bilinear, float 
     return left;
 }
 
+/* What draws are in proportion to: a map to a power, times any factor. */
+static envsamp_image importance_of(const envsamp_image *map, float exponent)
+{
+    const int count = map->width * map->height;
+    float *pixels = (float *)kd_allocate((size_t)count * sizeof *pixels);
+    envsamp_image raised = *map;
+    int i;
+
+    for (i = 0; i < count; i++)
+        pixels[i] = exponent > 0.0f ? powf(map->pixels[i], exponent) : map->pixels[i];
+    raised.pixels = pixels;
+    return raised;
+}
+
 static void print_request(char *text, size_t size, const sampler_request *r)
 {
-    snprintf(text, size, "%s, %s, %d by %d, bilinear %d, compensation %g",
+    snprintf(text, size, "%s, %s, %d by %d, bilinear %d, compensation %g, exponent %g",
              sampler_names[r->kind], sampler_mappings[r->image.mapping], r->image.width,
-             r->image.height, r->bilinear, (double)r->compensation);
+             r->image.height, r->bilinear, (double)r->compensation, (double)r->exponent);
 }
 
 /* ---- splits: each is the best of all cuts ---- */
@@ -454,7 +468,7 @@ static int block_count(const sampler *s)
 
 /* How often blocks are to be drawn: by the root of solid angle times the sum of squares, which
    makes the variance least. WARP: so within a tile, and all tiles alike. FIT: as they say. */
-static void wanted_probabilities(const sampler *s, const envsamp_image *left,
+static void wanted_probabilities(const sampler *s, const envsamp_image *importance,
                                  const envsamp_kd_block *blocks, int count, double *wanted)
 {
     kd_warp_block *warped = (kd_warp_block *)kd_allocate((size_t)count * sizeof *warped);
@@ -466,7 +480,7 @@ static void wanted_probabilities(const sampler *s, const envsamp_image *left,
         kd_warp_blocks(s->kd, warped, count);       /* else all are of tile 0 */
     }
     for (i = 0; i < count; i++) {
-        const sums part = block_sums(s, left, &blocks[i]);
+        const sums part = block_sums(s, importance, &blocks[i]);
 
         wanted[i] = s->request.kind == SAMPLER_FIT ? (double)blocks[i].probability
                                                    : sqrt(part.sr * part.square);
@@ -492,7 +506,8 @@ static void judge_block(const sampler *s, const envsamp_kd_block *b, exact *e)
     e->sphere += (double)b->solid_angle / whole_sphere(s->request.image.mapping);
 }
 
-static void judge_blocks(const sampler *s, const envsamp_image *left, exact *e)
+static void judge_blocks(const sampler *s, const envsamp_image *left,
+                         const envsamp_image *importance, exact *e)
 {
     const sums all = sums_over(left, s->request.bilinear, 0.0, 1.0, 0.0, 1.0);
     const sampler_info info = sampler_get_info(s);
@@ -508,7 +523,7 @@ static void judge_blocks(const sampler *s, const envsamp_image *left, exact *e)
     }
     e->sum -= 1.0;
     e->sphere -= 1.0;
-    wanted_probabilities(s, left, blocks, count, wanted);
+    wanted_probabilities(s, importance, blocks, count, wanted);
     for (i = 0; i < count; i++) {
         const sums part = block_sums(s, left, &blocks[i]);
         const double p = (double)blocks[i].probability;
@@ -527,10 +542,12 @@ static void judge_blocks(const sampler *s, const envsamp_image *left, exact *e)
 }
 
 /* cdf: density in quarters of texels, where radiance is bilinear and density constant. */
-static void judge_cells(const sampler *s, const envsamp_image *left, exact *e)
+static void judge_cells(const sampler *s, const envsamp_image *left,
+                        const envsamp_image *importance, exact *e)
 {
     const int w = 2 * left->width, h = 2 * left->height, bilinear = s->request.bilinear;
     const sums all = sums_over(left, bilinear, 0.0, 1.0, 0.0, 1.0);
+    const sums drawn_by = sums_over(importance, bilinear, 0.0, 1.0, 0.0, 1.0);
     const sampler_info info = sampler_get_info(s);
     double second = 0.0, ratio = 0.0;
     int x, y, k;
@@ -549,7 +566,8 @@ static void judge_cells(const sampler *s, const envsamp_image *left, exact *e)
             pdf = (double)sampler_pdf(s, rounded);
             e->sum += pdf * part.sr;
             if (!bilinear)
-                e->q = fmax(e->q, fabs(pdf - part.max / all.light) * part.sr);
+                e->q = fmax(e->q, fabs(pdf - sums_over(importance, bilinear, u0, u1, v0, v1).max
+                                             / drawn_by.light) * part.sr);
             e->shape += part.light > 1e-6 * part.sr && !(pdf > 0.0);
             if (pdf > 0.0) {
                 second += part.square / pdf;
@@ -567,15 +585,16 @@ static void test_exact(const sampler *s)
     const sampler_info info = sampler_get_info(s);
     float in_force;
     envsamp_image left = what_is_left(&r->image, r->bilinear, r->compensation, &in_force);
+    envsamp_image importance = importance_of(&left, r->exponent);
     exact e;
     char text[120];
 
     memset(&e, 0, sizeof e);
     e.integral = sums_over(&r->image, r->bilinear, 0.0, 1.0, 0.0, 1.0).light / info.integral - 1.0;
     if (r->kind == SAMPLER_CDF)
-        judge_cells(s, &left, &e);
+        judge_cells(s, &left, &importance, &e);
     else
-        judge_blocks(s, &left, &e);
+        judge_blocks(s, &left, &importance, &e);
     print_request(text, sizeof text, r);
     CHECK(fabs(e.integral) < 2e-7 && info.mis_compensation == in_force
           && info.bilinear == r->bilinear && info.mapping == r->image.mapping
@@ -588,6 +607,7 @@ static void test_exact(const sampler *s)
           "%s: %.1e off the mass, figures %.1e, pdf of %.1e of the points", text, e.q, e.figures,
           e.pdf_off);
     free_map(&left);
+    free_map(&importance);
 }
 
 /* ---- samples ---- */
@@ -836,17 +856,19 @@ static void test_copies(const sampler *s)
 
 static void test_maps(int width, int height, int blocks)
 {
+    static const float exponents[] = { 0.0f, 0.0f, 0.5f, 1.5f };
     int i, with;
 
     for (i = 0; i < SAMPLER_KINDS * 3 * 2; i++)
-        for (with = 0; with < 2; with++) {
+        for (with = 0; with < 4; with++) {
             envsamp_image map = make_map(width, height,
                                          (envsamp_mapping)(i / SAMPLER_KINDS % 3));
             sampler_request request = sampler_ask(i % SAMPLER_KINDS, &map, blocks);
             sampler s;
 
             request.bilinear = i / SAMPLER_KINDS / 3;
-            request.compensation = with ? 0.8f : 0.0f;
+            request.compensation = with % 2 ? 0.8f : 0.0f;
+            request.exponent = exponents[with];
             if (sampler_make(&s, &request)) {
                 test_exact(&s);
                 test_samples(&s);
@@ -1150,6 +1172,110 @@ static void test_constant(int kind, envsamp_mapping mapping, float amount, float
     free_map(&map);
 }
 
+/* ---- exponents of importance ---- */
+
+/* An exponent of 1 is none; one next to it is not. */
+static void test_no_exponent(int kind, envsamp_mapping mapping)
+{
+    envsamp_image map = make_map(20, 12, mapping);
+    sampler_request request = sampler_ask(kind, &map, 100);
+    sampler with, without;
+
+    sampler_make(&without, &request);
+    request.exponent = 1.0f;
+    sampler_make(&with, &request);
+    CHECK(sampler_equal(&with, &without), "%s, %s: an exponent of 1 is none", sampler_names[kind],
+          sampler_mappings[mapping]);
+    sampler_free(&with);
+    request.exponent = 1.01f;
+    sampler_make(&with, &request);
+    CHECK(!sampler_equal(&with, &without), "%s, %s: rejected: 1.01 is some", sampler_names[kind],
+          sampler_mappings[mapping]);
+    sampler_free(&with);
+    sampler_free(&without);
+    free_map(&map);
+}
+
+/* What is lit is drawn, however dim beside the brightest. */
+static void test_dimmest(int kind, envsamp_mapping mapping, float exponent, float brightest)
+{
+    const float values[] = { 0.0f, 1e-45f, 1e-38f, 1e-30f, 1e-10f, 1.0f };
+    const int width = 24, height = 16;
+    float *pixels = (float *)kd_allocate((size_t)(width * height) * sizeof *pixels);
+    envsamp_image map = kd_image(pixels, width, height, 1);
+    int i, k, unlit = 0, bilinear;
+
+    for (i = 0; i < width * height; i++)
+        pixels[i] = i == 200 ? brightest : values[i % 6];
+    map.mapping = mapping;
+    for (bilinear = 0; bilinear < 2; bilinear++) {
+        sampler_request request = sampler_ask(kind, &map, width * height);
+        sampler s;
+
+        request.exponent = exponent;
+        request.bilinear = bilinear;
+        unlit += !sampler_make(&s, &request) || !sampler_opens(&s);
+        for (i = 0; i < width * height && s.result == ENVSAMP_OK; i++) {
+            double dir[3];
+            float rounded[3];
+
+            direction_of(mapping, ((double)(i % width) + 0.5) / (double)width,
+                         ((double)(i / width) + 0.5) / (double)height, dir);
+            for (k = 0; k < 3; k++)
+                rounded[k] = (float)dir[k];
+            unlit += pixels[i] > 0.0f && !(sampler_pdf(&s, rounded) > 0.0f);
+        }
+        sampler_free(&s);
+    }
+    CHECK(!unlit, "%s, %s, exponent %g beside %g: %d lit texels have no density",
+          sampler_names[kind], sampler_mappings[mapping], (double)exponent, (double)brightest,
+          unlit);
+    free_map(&map);
+}
+
+/* A map 2^40 times as bright is drawn alike. */
+static void test_brighter(int kind, envsamp_mapping mapping, float exponent)
+{
+    envsamp_image map = make_map(24, 16, mapping), bright = map;
+    float *pixels = (float *)kd_allocate(24 * 16 * sizeof *pixels);
+    sampler_request request = sampler_ask(kind, &map, 90);
+    pcg32 random = pcg32_make(37, 0);
+    int i, faults = 0;
+    sampler s, t;
+
+    for (i = 0; i < 24 * 16; i++)
+        pixels[i] = 1099511627776.0f * map.pixels[i];
+    bright.pixels = pixels;
+    request.exponent = exponent;
+    request.compensation = 0.3f;
+    sampler_make(&s, &request);
+    request.image = bright;
+    sampler_make(&t, &request);
+    for (i = 0; i < 1000; i++) {
+        const float u0 = pcg32_float(&random), u1 = pcg32_float(&random);
+        const envsamp_sample a = sampler_draw(&s, u0, u1), b = sampler_draw(&t, u0, u1);
+
+        faults += !(kd_bits_equal(a.dir, b.dir, sizeof a.dir)
+                    && kd_bits_equal(&a.pdf, &b.pdf, sizeof a.pdf));
+    }
+    CHECK(!faults, "%s, %s, exponent %g: %d of 1000 samples differ in a map 2^40 times as bright",
+          sampler_names[kind], sampler_mappings[mapping], (double)exponent, faults);
+    sampler_free(&s);
+    sampler_free(&t);
+    free_map(&map);
+    free_map(&bright);
+}
+
+static void test_exponents(int kind, envsamp_mapping mapping)
+{
+    test_no_exponent(kind, mapping);
+    test_dimmest(kind, mapping, 2.0f, 1e30f);
+    test_dimmest(kind, mapping, 2.0f, FLT_MAX);
+    test_dimmest(kind, mapping, 0.5f, 1.0f);
+    test_brighter(kind, mapping, 2.0f);
+    test_brighter(kind, mapping, 0.7f);
+}
+
 /* ---- MIS compensation: irradiance ---- */
 
 /* A dim sky, a dimmer ground, and a sun of one texel that gives as much light as the sky. */
@@ -1308,6 +1434,7 @@ static void test_compensation(void)
         test_dim_texels(SAMPLER_CDF, m, 0.25f);
         test_dim_texels(SAMPLER_CDF, m, 1.0f);
         for (kind = 0; kind < SAMPLER_KINDS; kind++) {
+            test_exponents(kind, m);
             test_no_compensation(kind, m);
             test_constant(kind, m, 1.0f, 1.0f);
             test_constant(kind, m, 1.0f, 3.7e-5f);

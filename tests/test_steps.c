@@ -49,7 +49,7 @@ static void free_map(envsamp_image *map)
 }
 
 /* Every combination of what makes a build take another path, one after the other. */
-#define COMBINATIONS (SAMPLER_KINDS * 3 * 2 * 2)
+#define COMBINATIONS (SAMPLER_KINDS * 3 * 2 * 3)
 
 static sampler_request combination(int index, const envsamp_image *map, int blocks)
 {
@@ -59,14 +59,16 @@ static sampler_request combination(int index, const envsamp_image *map, int bloc
     request.image.mapping = (envsamp_mapping)(index % 3);
     request.bilinear = index / 3 % 2;
     request.compensation = index / 6 ? 0.75f : 0.0f;
+    request.exponent = index / 12 ? 1.5f : 0.0f;
     return request;
 }
 
 static void print_request(char *text, size_t size, const sampler_request *r)
 {
-    snprintf(text, size, "%s, %s, bilinear %d, compensation %g, %d blocks",
+    snprintf(text, size, "%s, %s, bilinear %d, compensation %g, exponent %g, %d blocks",
              sampler_names[r->kind], sampler_mappings[r->image.mapping], r->bilinear,
-             (double)r->compensation, r->kind == SAMPLER_CDF ? 0 : r->blocks);
+             (double)r->compensation, (double)r->exponent,
+             r->kind == SAMPLER_CDF ? 0 : r->blocks);
 }
 
 /* ---- schedules ---- */
@@ -328,13 +330,14 @@ static void prepare_rows(sampler *s, const sampler_request *request, row_giver *
     giver->job = s;
 }
 
+/* With an exponent ahead of the build, for it, and for figures. */
 static int expected_passes(const sampler_request *request)
 {
-    return request->compensation > 0.0f
+    return request->exponent > 0.0f ? 3 : request->compensation > 0.0f
         || (request->bilinear && request->image.mapping == ENVSAMP_OCTAHEDRAL) ? 2 : 1;
 }
 
-/* Rows in order, once or twice. */
+/* Rows in order, as often as expected. */
 static int asked_in_order(const row_giver *giver, int height, int passes)
 {
     int i, good = giver->count == passes * height && !giver->stray;
@@ -657,6 +660,8 @@ static void test_bad_descriptions(int kind)
 {
     const float amounts[] = { NAN, -0.1f, 1.1f, INFINITY, -INFINITY, -FLT_MIN, 1.0000001f,
                               FLT_MAX };
+    const float exponents[] = { NAN, 0.4999999f, 2.0000002f, INFINITY, -INFINITY, -1.0f, FLT_MIN,
+                                FLT_MAX };
     const int mappings[] = { 3, -1, INT_MAX, INT_MIN, 256 };
     const char *name = sampler_names[kind];
     sampler_request r;
@@ -666,6 +671,9 @@ static void test_bad_descriptions(int kind)
         r = good_request(kind);
         r.compensation = amounts[i];
         CHECK(refused(&r, ENVSAMP_ERR_PARAM), "%s: compensation %g", name, (double)amounts[i]);
+        r = good_request(kind);
+        r.exponent = exponents[i];
+        CHECK(refused(&r, ENVSAMP_ERR_PARAM), "%s: exponent %g", name, (double)exponents[i]);
     }
     for (i = 0; i < 5; i++) {
         r = good_request(kind);
@@ -680,6 +688,7 @@ static void test_bad_descriptions(int kind)
 
         r = good_request(kind);
         r.compensation = i ? 1.0f : -0.0f;
+        r.exponent = i ? 2.0f : -0.0f;
         r.bilinear = i ? 99 : INT_MIN;
         CHECK(sampler_make(&s, &r) && sampler_opens(&s) && sampler_get_info(&s).bilinear == 1,
               "%s: compensation %g and bilinear %d are allowed", name, (double)r.compensation,

@@ -105,11 +105,10 @@ static int kd_refused(const envsamp_kd_desc *desc)
     return envsamp_kd_sizes(&map, desc, &sizes) == ENVSAMP_ERR_PARAM;
 }
 
-/* Fields that are announced, values out of range and those that another field does not allow are
-   refused. */
-static void test_reserved(void)
+/* Values out of range and those that another field does not allow are refused. */
+static void test_refused(void)
 {
-    const float values[] = { 1.0f, -1.0f, 0.5f, FLT_MIN, NAN, INFINITY, -INFINITY };
+    const float values[] = { 1.0f, -1.0f, 0.5f, 2.0f, 2.5f, FLT_MIN, NAN, INFINITY, -INFINITY };
     const int count = (int)(sizeof values / sizeof *values);
     int i, wrong = 0;
 
@@ -119,7 +118,8 @@ static void test_reserved(void)
 
         target.excess_target = exponent.importance_exponent = cdf.importance_exponent = values[i];
         wrong += kd_refused(&target) != !(values[i] > 0.0f && values[i] <= FLT_MAX);
-        wrong += !kd_refused(&exponent) + !cdf_refused(&cdf);
+        wrong += kd_refused(&exponent) != !(values[i] >= 0.5f && values[i] <= 2.0f);
+        wrong += cdf_refused(&cdf) != kd_refused(&exponent);
     }
     CHECK(!wrong, "%d of %d values are accepted or refused wrongly", wrong, 3 * count);
     for (i = 0; i < 4; i++) {
@@ -338,7 +338,7 @@ static void test_lm(void)
 int main(void)
 {
     test_kd();
-    test_reserved();
+    test_refused();
     test_cdf();
     test_lights();
     test_negative();

@@ -253,16 +253,17 @@ static void add_cdf(const envsamp_image *map, const envsamp_cdf_desc *desc)
     add_words(batch.pdf, sizeof batch.pdf);
 }
 
-/* Every mapping, both lookups, with and without compensation. */
+/* Every mapping, both lookups, as they are, with compensation, and with an exponent. */
 static void add_mappings(envsamp_image map, envsamp_kd_desc desc)
 {
     envsamp_cdf_desc cdf = envsamp_cdf_defaults();
     int i, select;
 
-    for (i = 0; i < 12; i++) {
-        map.mapping = (envsamp_mapping)(i / 4);
+    for (i = 0; i < 18; i++) {
+        map.mapping = (envsamp_mapping)(i / 6);
         cdf.nearest = desc.nearest = !(i % 2);
-        cdf.mis_compensation = desc.mis_compensation = i % 4 / 2 ? 0.5f : 0.0f;
+        cdf.mis_compensation = desc.mis_compensation = i % 6 / 2 == 1 ? 0.02f : 0.0f;
+        cdf.importance_exponent = desc.importance_exponent = i % 6 / 2 == 2 ? 1.5f : 0.0f;
         for (select = ENVSAMP_KD_WARP; select <= ENVSAMP_KD_FIT; select++) {
             desc.select = (envsamp_kd_select)select;
             add_kd(&map, &desc);
