@@ -704,6 +704,7 @@ static void test_tables(void)
                 static char copy[REGION];
                 made t, r;
 
+                desc.importance_exponent = mapping == ENVSAMP_HEMISPHERE ? 0.75f : 0.0f;
                 built += build_by(&under_test, (kind)k, &map, &desc, &t) == ENVSAMP_OK;
                 memcpy(copy, t.table, under_test.bytes(t.kind, t.table));
                 built += build_by(&reference, (kind)k, &map, &desc, &r) == ENVSAMP_OK;
@@ -879,6 +880,7 @@ static void test_bright(void)
             channels = 1 + 2 * (i / 8 % 2);
             spots = i / 16 % 2;
             mapping = i / 32;
+            desc.importance_exponent = mapping > 0 ? 0.5f * (float)(mapping + 2) : 0.0f;
             map = make_map(mapping, channels);
             fill(&map, spots ? 1e30f : value[i % 4]);
             for (x = 0; x < TEXELS * channels && spots; x++)

@@ -332,14 +332,15 @@ static void use(int first, int last)
     }
 }
 
-/* Tables for one mapping, lookup and compensation: `all` selects, criteria, models and objectives,
-   or the selects alone. */
+/* Tables for one mapping, one lookup, and compensation with an exponent or without: `all` selects,
+   criteria, models and objectives, or the selects alone. */
 static void use_tables(int variant, int all)
 {
     int i, count = all ? 3 * 4 * 2 * 2 : 3;
 
     kd_desc.nearest = cdf_desc.nearest = variant & 1;
     kd_desc.mis_compensation = cdf_desc.mis_compensation = variant & 2 ? 0.5f : 0.0f;
+    kd_desc.importance_exponent = cdf_desc.importance_exponent = variant & 2 ? 1.5f : 0.0f;
     map.mapping = (envsamp_mapping)(variant >> 2);
     for (i = 0; i < count; i++) {
         kd_desc.select = (envsamp_kd_select)(i % 3);
