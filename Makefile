@@ -21,11 +21,18 @@ OTHER_HEADER = $(if $(HEADER),-DHEADER='"$(abspath $(HEADER))"')
 EXR_CFLAGS = -DHAVE_OPENEXR $(shell pkg-config --cflags OpenEXR 2>/dev/null)
 EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
 
+# The renderer, built and tested where Embree is.
+EMBREE       := $(firstword $(foreach version,3 4,$(if $(wildcard \
+                  /usr/include/embree$(version)/rtcore.h),embree$(version))))
+RENDER_LIBS   = -l$(or $(EMBREE),embree3) $(EXR_LIBS) -pthread -lm
+RENDER_PARTS := scene shapes material environment inversion integrator lights upsample tiles
+
 COMMON   := examples/common/image.c examples/common/maps.c
-EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr)
+EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr \
+              $(if $(EMBREE),render))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
-HEADERS  := envsamp.h $(wildcard examples/common/*.h tests/*.h bench/*.h)
+HEADERS  := envsamp.h $(wildcard examples/common/*.h examples/render/*.h tests/*.h bench/*.h)
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
@@ -39,9 +46,10 @@ JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 # Compiled once: what examples link, what the demo and tests do, which read EXR files, and tests.
 OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o maps.o picture.o)
 EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr.o)
+RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
-.PHONY: help demo lights facing product test bench scale fuzz corpus mutants coverage figures \
+.PHONY: help demo lights facing product render test bench scale fuzz corpus mutants coverage figures \
         facing-table convergence halftone scene lamps coarse shapes builds targets least-squares \
         again portability portability-setup data setup clean
 
@@ -70,6 +78,12 @@ facing: $(BUILD)/facing  ## light x cosine beside light alone and MIS, and a pic
 
 product: $(BUILD)/product  ## product sampling by halftones beside BRDF and SIR, and a picture
 	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT)
+
+# RENDER="--env data/city.pfm --scene chrome --spp 256"; build/render --help shows all options.
+render: setup  ## a scene lit by a map through Embree, and its picture; RENDER="--scene cube"
+	@$(MAKE) --no-print-directory $(BUILD)/render
+	@mkdir -p $(BUILD)/pictures
+	$(BUILD)/render --out $(BUILD)/pictures/render.png $(RENDER)
 
 # MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.
 bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
@@ -164,6 +178,12 @@ $(BUILD)/%.o: tests/%.c $(HEADERS) | $(BUILD)
 
 $(BUILD)/%.o: examples/common/%.c $(HEADERS) | $(BUILD)
 	$(COMPILE) $(EXR_CFLAGS) -c $< -o $@
+
+$(BUILD)/render_%.o: examples/render/%.c $(HEADERS) | $(BUILD)
+	$(COMPILE) $(EXR_CFLAGS) -pthread -c $< -o $@
+
+$(BUILD)/render: examples/render/render.c $(RENDER_OBJECTS) $(HEADERS)
+	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(RENDER_OBJECTS) $(RENDER_LIBS) -o $@
 
 $(BUILD)/image.o: examples/common/image.c $(HEADERS) | $(BUILD)
 	$(COMPILE) -c $< -o $@
