@@ -273,6 +273,8 @@ $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 
 $(BUILD)/test_fuzz.o: tests/fuzz.c
 
+$(BUILD)/test_material: $(BUILD)/render_material.o
+
 # It counts calls of functions, in a copy of the library that is its own.
 $(BUILD)/test_work.o: override CFLAGS += -finstrument-functions
 
