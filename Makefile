@@ -29,7 +29,7 @@ RENDER_PARTS := scene shapes material environment inversion integrator lights up
 
 COMMON   := examples/common/image.c examples/common/maps.c
 EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr \
-              $(if $(EMBREE),render))
+              $(if $(EMBREE),render render_unbiased))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard examples/common/*.h examples/render/*.h tests/*.h bench/*.h)
@@ -49,7 +49,7 @@ EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr
 RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
-.PHONY: help demo lights facing product render test bench scale fuzz corpus mutants coverage figures \
+.PHONY: help demo lights facing product render unbiased test bench scale fuzz corpus mutants coverage figures \
         facing-table convergence halftone scene lamps coarse shapes builds targets least-squares \
         again portability portability-setup data setup clean
 
@@ -84,6 +84,11 @@ render: setup  ## a scene lit by a map through Embree, and its picture; RENDER="
 	@$(MAKE) --no-print-directory $(BUILD)/render
 	@mkdir -p $(BUILD)/pictures
 	$(BUILD)/render --out $(BUILD)/pictures/render.png $(RENDER)
+
+# A quarter of an hour on two cores. tests/test_render.sh has a short one.
+unbiased: setup  ## every sampling method of the renderer beside a reference, at 1024 samples
+	@$(MAKE) --no-print-directory $(BUILD)/render_unbiased
+	$(BUILD)/render_unbiased -t $(JOBS) 1024 64 48
 
 # MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.
 bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
@@ -184,6 +189,9 @@ $(BUILD)/render_%.o: examples/render/%.c $(HEADERS) | $(BUILD)
 
 $(BUILD)/render: examples/render/render.c $(RENDER_OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(RENDER_OBJECTS) $(RENDER_LIBS) -o $@
+
+$(BUILD)/render_unbiased: $(BUILD)/render_unbiased.o $(RENDER_OBJECTS)
+	$(CC) $(CFLAGS) $^ $(RENDER_LIBS) -o $@
 
 $(BUILD)/image.o: examples/common/image.c $(HEADERS) | $(BUILD)
 	$(COMPILE) -c $< -o $@

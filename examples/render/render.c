@@ -276,12 +276,13 @@ static int compare_floats(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Brings the middle eight tenths of luminances to a middle grey; 0 if memory is short. */
+/* Brings the middle eight tenths of luminances to a middle grey, unless a tenth of the picture would
+   then be white; 0 if memory is short. */
 static float find_exposure(const image *picture)
 {
     const size_t pixels = (size_t)picture->width * (size_t)picture->height;
     float *luminance = malloc(pixels * sizeof *luminance);
-    double sum = 0.0;
+    double sum = 0.0, bright;
     size_t i;
 
     if (!luminance)
@@ -291,8 +292,9 @@ static float find_exposure(const image *picture)
     qsort(luminance, pixels, sizeof *luminance, compare_floats);
     for (i = pixels / 10; i < pixels - pixels / 10; i++)
         sum += (double)luminance[i];
+    bright = (double)luminance[pixels - 1 - pixels / 10];
     free(luminance);
-    return sum > 0.0 ? (float)(0.26 * 0.8 * (double)pixels / sum) : 1.0f;
+    return sum > 0.0 ? (float)fmin(0.33 * 0.8 * (double)pixels / sum, 0.9 / bright) : 1.0f;
 }
 
 static int write_png(const char *path, const image *picture, float exposure, char *error,

@@ -101,9 +101,13 @@ static int add_ground(scene *s, material m, material other, float field)
 }
 
 /* A round table; beyond it the map is seen also below the horizon. */
-static int add_table(scene *s, material m, float radius)
+static int add_table(scene *s, material m, material other, float field)
 {
-    return mesh_disc(&add_object(s, m)->shape, radius, 0.25f, 160);
+    object *o = add_object(s, m);
+
+    o->other = other;
+    o->field = field;
+    return mesh_disc(&o->shape, 2.1f, 0.25f, 160);
 }
 
 static int add_sphere(scene *s, material m, float x, float y, float radius)
@@ -229,42 +233,42 @@ static void look(scene *s, const float eye[3], const float target[3], float degr
 /* All diffuse. */
 static int build_vase(scene *s)
 {
-    static const float eye[3] = {0.1f, -4.6f, 1.75f}, target[3] = {0.05f, 0.0f, 0.55f};
-    static const float knot[3] = {1.12f, 0.25f, 0.66f};
+    static const float eye[3] = {0.1f, -4.6f, 1.9f}, target[3] = {0.05f, 0.0f, 0.52f};
+    static const float knot[3] = {1.12f, 0.25f, 0.65f};
 
     look(s, eye, target, 30.0f);
-    return add_ground(s, lambert(0.46f, 0.45f, 0.43f), lambert(0.30f, 0.29f, 0.28f), 0.8f)
-        && add_vase(s, lambert(0.62f, 0.60f, 0.56f), -0.95f, 0.25f, 1.45f)
-        && add_knot(s, lambert(0.15f, 0.36f, 0.30f), knot, 0.55f, 0.9f)
-        && add_sphere(s, lambert(0.66f, 0.25f, 0.12f), 0.12f, -0.55f, 0.4f)
-        && add_sphere(s, lambert(0.64f, 0.50f, 0.16f), 0.35f, 1.2f, 0.5f);
+    return add_ground(s, lambert(0.52f, 0.51f, 0.49f), lambert(0.36f, 0.35f, 0.34f), 0.8f)
+        && add_vase(s, lambert(0.70f, 0.68f, 0.64f), -0.95f, 0.25f, 1.4f)
+        && add_knot(s, lambert(0.13f, 0.40f, 0.33f), knot, 0.55f, 0.9f)
+        && add_sphere(s, lambert(0.72f, 0.24f, 0.10f), 0.12f, -0.55f, 0.4f)
+        && add_sphere(s, lambert(0.75f, 0.56f, 0.14f), 0.35f, 1.2f, 0.5f);
 }
 
 /* Rough plastic on a diffuse ground. */
 static int build_cube(scene *s)
 {
-    static const float eye[3] = {-0.3f, -4.5f, 2.0f}, target[3] = {0.0f, 0.0f, 0.5f};
-    static const float cube[3] = {-0.52f, -0.05f, 0.0f};
+    static const float eye[3] = {-0.3f, -4.2f, 2.0f}, target[3] = {0.05f, 0.0f, 0.5f};
+    static const float cube[3] = {-0.5f, -0.05f, 0.0f};
 
-    look(s, eye, target, 30.0f);
-    return add_ground(s, lambert(0.50f, 0.48f, 0.45f), lambert(0.50f, 0.48f, 0.45f), 0.0f)
+    look(s, eye, target, 28.0f);
+    return add_ground(s, lambert(0.58f, 0.56f, 0.53f), lambert(0.58f, 0.56f, 0.53f), 0.0f)
         && add_cube(s, 0.25f, cube, 1.0f, 0.5f)
-        && add_vase(s, plastic(0.10f, 0.32f, 0.45f, 0.3f), 0.85f, 0.35f, 1.35f)
-        && add_sphere(s, plastic(0.55f, 0.45f, 0.20f, 0.2f), 0.42f, -0.85f, 0.28f);
+        && add_vase(s, plastic(0.10f, 0.36f, 0.52f, 0.3f), 0.85f, 0.35f, 1.3f)
+        && add_sphere(s, plastic(0.65f, 0.50f, 0.18f, 0.2f), 0.42f, -0.8f, 0.28f);
 }
 
-/* Fabric, metallic paint, plastic: Ngan's surfaces. */
+/* Metallic paint, fabric and plastic on a table. */
 static int build_knot(scene *s)
 {
-    static const float eye[3] = {0.2f, -4.7f, 1.7f}, target[3] = {0.0f, 0.0f, 0.56f};
+    static const float eye[3] = {0.2f, -4.7f, 1.85f}, target[3] = {0.0f, 0.0f, 0.5f};
     static const float knot[3] = {0.05f, 0.25f, 0.80f};
 
     look(s, eye, target, 30.0f);
-    return add_ground(s, lambert(0.40f, 0.38f, 0.35f), lambert(0.27f, 0.26f, 0.25f), 0.8f)
+    return add_table(s, lambert(0.52f, 0.50f, 0.47f), lambert(0.38f, 0.36f, 0.34f), 0.5f)
         && add_knot(s, metallic_paint(), knot, 0.68f, 1.25f)
-        && add_sphere(s, fabric(), -1.15f, -0.15f, 0.5f)
-        && add_vase(s, plastic(0.58f, 0.52f, 0.42f, 0.15f), 1.2f, 0.1f, 1.1f)
-        && add_sphere(s, metallic_paint(), 0.62f, -0.95f, 0.24f);
+        && add_sphere(s, fabric(), -1.12f, -0.15f, 0.46f)
+        && add_vase(s, plastic(0.66f, 0.60f, 0.48f, 0.15f), 1.15f, 0.1f, 1.1f)
+        && add_sphere(s, metallic_paint(), 0.62f, -0.9f, 0.24f);
 }
 
 /* Semi-glossy metal on a table. */
@@ -272,26 +276,28 @@ static int build_metal(scene *s)
 {
     static const float eye[3] = {0.0f, -4.6f, 1.8f}, target[3] = {0.0f, 0.0f, 0.5f};
     static const float cube[3] = {0.95f, 0.3f, 0.0f};
+    const material wood = plastic(0.30f, 0.19f, 0.11f, 0.35f);
 
     look(s, eye, target, 30.0f);
-    return add_table(s, plastic(0.22f, 0.14f, 0.09f, 0.35f), 2.1f)
+    return add_table(s, wood, wood, 0.0f)
         && add_vase(s, conductor(0.95f, 0.64f, 0.54f, 0.28f, 0.10f), -0.9f, 0.35f, 1.4f)
         && add_sphere(s, conductor(1.00f, 0.78f, 0.34f, 0.20f, 0.20f), 0.05f, -0.35f, 0.45f)
-        && add_cube(s, 0.12f, cube, 0.8f, 0.35f)
+        && add_cube(s, 0.15f, cube, 0.8f, 0.35f)
         && add_sphere(s, conductor(0.91f, 0.92f, 0.92f, 0.30f, 0.30f), -0.25f, 1.1f, 0.5f);
 }
 
 /* Highly glossy: chrome steel, polished metal and lacquer. */
 static int build_chrome(scene *s)
 {
-    static const float eye[3] = {0.1f, -4.6f, 1.7f}, target[3] = {0.0f, 0.0f, 0.55f};
-    static const float knot[3] = {-0.95f, 0.35f, 0.70f};
+    static const float eye[3] = {0.1f, -4.6f, 1.7f}, target[3] = {0.0f, 0.0f, 0.52f};
+    static const float knot[3] = {-0.98f, 0.35f, 0.69f};
+    const material lacquer = plastic(0.10f, 0.10f, 0.11f, 0.12f);
 
     look(s, eye, target, 30.0f);
-    return add_table(s, plastic(0.10f, 0.10f, 0.11f, 0.12f), 2.1f)
+    return add_table(s, lacquer, lacquer, 0.0f)
         && add_knot(s, conductor(1.00f, 0.77f, 0.35f, 0.06f, 0.06f), knot, 0.58f, 0.8f)
         && add_sphere(s, chrome_steel(), 0.15f, -0.2f, 0.5f)
-        && add_vase(s, plastic(0.42f, 0.03f, 0.03f, 0.04f), 1.15f, 0.3f, 1.25f)
+        && add_vase(s, plastic(0.48f, 0.03f, 0.03f, 0.04f), 1.15f, 0.3f, 1.25f)
         && add_sphere(s, conductor(0.95f, 0.64f, 0.54f, 0.10f, 0.10f), 0.72f, -0.95f, 0.24f);
 }
 
