@@ -25,7 +25,7 @@ EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
 EMBREE       := $(firstword $(foreach version,3 4,$(if $(wildcard \
                   /usr/include/embree$(version)/rtcore.h),embree$(version))))
 RENDER_LIBS   = -l$(or $(EMBREE),embree3) $(EXR_LIBS) -pthread -lm
-RENDER_PARTS := scene shapes material environment inversion integrator lights upsample tiles
+RENDER_PARTS := scene shapes material environment inversion integrator lights upsample product tiles
 
 COMMON   := examples/common/image.c examples/common/maps.c
 EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr \

@@ -23,6 +23,7 @@
 #include "../examples/render/environment.h"
 #include "../examples/render/integrator.h"
 #include "../examples/render/numbers.h"
+#include "../examples/render/product.h"
 #include "../examples/render/scene.h"
 #include "../examples/render/vector.h"
 #include "check.h"
@@ -51,7 +52,7 @@ static const made_map maps[MAPS] = {{"studio", 128}, {"sky", 64}};
 typedef struct subject {
     char name[64];
     const light_sampler *by;
-    int mis, wrong;
+    int mis, wrong, product;
     float compensation;
     double worst_tile, worst_picture;    /* standard errors */
     double sum, weight;                  /* of relative errors of pictures */
@@ -141,6 +142,11 @@ static void add_subjects(trial *t)
     }
     add_subject(t, find_sampler("kd-warp"), 1, 1.0f, ", compensated");
     add_subject(t, find_sampler("facing"), 1, 1.0f, ", compensated");
+    for (i = 1; i <= 2; i++) {
+        add_subject(t, find_sampler("bsdf"), 0, 0.0f, "");
+        t->subjects[t->count - 1].product = i;
+        strcpy(t->subjects[t->count - 1].name, i == 1 ? "double product" : "triple product");
+    }
     for (i = 0; i < 2; i++) {
         add_subject(t, &t->wrong[i], 0, 0.0f, ", 0.5 % too bright");
         t->subjects[t->count - 1].wrong = 1;
@@ -187,15 +193,45 @@ static int open_method(method *m, const subject *by, const environment *e)
     return 0;
 }
 
-static int render(const trial *t, const scene *s, const environment *e, const subject *by,
-                  int bounces, uint32_t samples, uint32_t seed, measured *out)
+static void clear_film(film *f)
+{
+    f->samples = 0;
+    memset(f->rgb, 0, 4 * (size_t)f->width * (size_t)f->height * sizeof *f->rgb);
+}
+
+static int render_product(const trial *t, const scene *s, const environment *e, const subject *by,
+                          uint32_t samples, uint32_t seed, film *f, measured *out)
+{
+    const uint32_t all = samples / REPLICATES, rays = all < PRODUCT_RAYS ? all : PRODUCT_RAYS;
+    product *light = product_make(e);
+    product_job job;
+    int i;
+
+    memset(&job, 0, sizeof job);
+    job.scene = s;
+    job.environment = e;
+    job.product = light;
+    job.triple = by->product == 2;
+    job.rays = (int)rays;
+    job.threads = t->threads;
+    for (i = 0; i < REPLICATES && light; i++) {
+        clear_film(f);
+        job.seed = REPLICATES * seed + (uint32_t)i;
+        product_samples(&job, f, all / rays);
+        measured_add(out, f);
+    }
+    product_free(light);
+    return light != NULL;
+}
+
+static int render_paths(const trial *t, const scene *s, const environment *e, const subject *by,
+                        int bounces, uint32_t samples, uint32_t seed, film *f, measured *out)
 {
     render_job job;
     method m;
-    film f;
     int i;
 
-    if (!open_method(&m, by, e) || !film_make(&f, t->width, t->height))
+    if (!open_method(&m, by, e))
         return 0;
     memset(&job, 0, sizeof job);
     job.scene = s;
@@ -203,17 +239,29 @@ static int render(const trial *t, const scene *s, const environment *e, const su
     job.method = &m;
     job.bounces = bounces;
     job.threads = t->threads;
-    measured_clear(out);
     for (i = 0; i < REPLICATES; i++) {
-        f.samples = 0;
-        memset(f.rgb, 0, 4 * (size_t)f.width * (size_t)f.height * sizeof *f.rgb);
+        clear_film(f);
         job.seed = REPLICATES * seed + (uint32_t)i;
-        render_samples(&job, &f, samples / REPLICATES);
-        measured_add(out, &f);
+        render_samples(&job, f, samples / REPLICATES);
+        measured_add(out, f);
     }
-    film_free(&f);
     method_close(&m);
     return 1;
+}
+
+static int render(const trial *t, const scene *s, const environment *e, const subject *by,
+                  int bounces, uint32_t samples, uint32_t seed, measured *out)
+{
+    film f;
+    int ok;
+
+    if (!film_make(&f, t->width, t->height))
+        return 0;
+    measured_clear(out);
+    ok = by->product ? render_product(t, s, e, by, samples, seed, &f, out)
+                     : render_paths(t, s, e, by, bounces, samples, seed, &f, out);
+    film_free(&f);
+    return ok;
 }
 
 /* ---- what the spread has to be ---- */
@@ -225,11 +273,11 @@ typedef struct moments_job {
     trial *trial;
 } moments_job;
 
-/* Whether second moments are known: where samples of the light and of the BSDF are weighed, they
-   are bounded, and the spread of what is found will do. */
+/* Whether second moments are known: where samples of the light and of the BSDF are weighed, or drawn
+   by both, they are bounded, and the spread of what is found will do. */
 static int has_moments(const subject *by)
 {
-    return !by->mis;
+    return !by->mis && !by->product;
 }
 
 /* Adds to the second moments in a pixel: one direction of the light or of the BSDF, as either is
@@ -246,11 +294,11 @@ static void add_point(const moments_job *job, int pixel, scene_hit *hit, const f
         const envsamp_sample s = method_sample(job->reference, job->environment, axis, u);
 
         vec_copy(s.dir, dir);
-        vec_into(hit->frame, dir, local);
+        vec_into(&hit->basis, dir, local);
     } else {
         if (!material_sample(hit->material, eye, u, local, &q))
             return;
-        vec_out_of(hit->frame, local, dir);
+        vec_out_of(&hit->basis, local, dir);
     }
     if (vec_dot(hit->flat, dir) <= 0.0f || scene_occluded(job->scene, hit->at, dir))
         return;
@@ -296,9 +344,9 @@ static void add_moments(void *user, const tile *t)
                 if (!scene_closest(job->scene, from, dir, &hit))
                     continue;
                 vec_negate(dir, dir);
-                vec_into(hit.frame, dir, eye);
+                vec_into(&hit.basis, dir, eye);
                 material_axis(hit.material, eye, dir);
-                vec_out_of(hit.frame, dir, axis);
+                vec_out_of(&hit.basis, dir, axis);
                 numbers_pair(&n, NUMBERS_LIGHT, 1, u);
                 numbers_pair(&n, NUMBERS_ROULETTE, 1, choice);
                 add_point(job, y * width + x, &hit, eye, axis, u, choice[0]);
@@ -488,7 +536,7 @@ static int try_methods(trial *t, corner *c)
         subject *by = &t->subjects[i];
         verdict v;
 
-        if (c->bounces > 1 && has_moments(by))
+        if (c->bounces > 1 && (has_moments(by) || by->product))
             continue;
         ok = render_found(t, c, by, 1, c->seed + 1u + (uint32_t)i);
         if (!ok)

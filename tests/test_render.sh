@@ -41,6 +41,7 @@ same() {  # what, options: 1, 2 and 5 threads give the same file
 
 same "paths, Sobol" --scene chrome --bounces 6
 same "paths, independent numbers" --independent --scene cube --method cdf+mis --bounces 3
+same "products" --scene metal --method triple
 same "lights, interleaved, reduced" --scene vase --lights 9 --method decomposed --interleave \
     --reduce 2
 render --threads 2 --seed 2 --out "$tmp/2.pfm" --scene chrome --bounces 6 \
@@ -50,7 +51,7 @@ report $? "another seed gives another picture"
 render --rotate 90 --out "$tmp/2.pfm" --scene chrome --bounces 6 \
     && ! cmp -s "$tmp/1.pfm" "$tmp/2.pfm"
 report $? "a map that is turned gives another picture"
-for method in kd-warp+mis relaxed; do
+for method in kd-warp+mis double relaxed; do
     lights=
     [ $method = relaxed ] && lights="--lights 8"
     for kind in png pfm exr; do
@@ -108,6 +109,11 @@ rejects "an unknown method" magic --method magic
 rejects "MIS of nothing" bsdf+mis --method bsdf+mis
 rejects "an unknown method of lights" kd-warp --lights 4 --method kd-warp
 rejects "compensation without MIS" compensation --method cdf --compensation 1
+rejects "compensation of what has none" compensation --method uniform+mis --compensation 1
+rejects "an exponent of what has none" exponent --method inversion --exponent 2
+rejects "bounces of products" bounces --method double --bounces 2
+rejects "bounces of lights" bounces --lights 4 --bounces 2
+rejects "lights for a time" seconds --lights 4 --seconds 1
 for pair in "--spp 0" "--spp -3" "--spp 2.5" "--spp 1e9" "--spp many" "--spp 8x" "--lights 0" \
     "--lights 70000" "--seconds 0" "--seconds nan" "--seconds inf" "--threads 0" "--seed -1" \
     "--bounces 0" "--rotate north" "--width 0" "--height 100000" "--compensation 2" \

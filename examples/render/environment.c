@@ -43,12 +43,21 @@ void environment_radiance(const environment *e, const float dir[3], float rgb[3]
 
 /* ---- samplers ---- */
 
+/* For what has no table of the library. */
+static int has_no_options(const sampler_options *options, char *error, size_t error_size)
+{
+    if (!(options->mis_compensation > 0.0f || options->importance_exponent > 0.0f))
+        return 1;
+    snprintf(error, error_size, "this method has neither compensation nor an exponent");
+    return 0;
+}
+
 static int prepare_nothing(const environment *e, const sampler_options *options, void **table,
                            char *error, size_t error_size)
 {
-    (void)e, (void)options, (void)error, (void)error_size;
+    (void)e;
     *table = NULL;
-    return 1;
+    return has_no_options(options, error, error_size);
 }
 
 static envsamp_sample sample_uniform(const void *table, const float axis[3], float u0, float u1)
@@ -195,10 +204,8 @@ static float pdf_cdf(const void *table, const float axis[3], const float dir[3])
 static int prepare_inversion(const environment *e, const sampler_options *options, void **table,
                              char *error, size_t error_size)
 {
-    if (options->mis_compensation > 0.0f || options->importance_exponent > 0.0f) {
-        snprintf(error, error_size, "inversion has neither compensation nor an exponent");
+    if (!has_no_options(options, error, error_size))
         return 0;
-    }
     *table = inversion_make(e->map);
     return *table ? 1 : refused(ENVSAMP_ERR_BLACK, error, error_size);
 }

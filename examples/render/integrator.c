@@ -52,9 +52,9 @@ static void make_point(path_point *p, const float dir[3])
     float back[3], axis[3];
 
     vec_negate(dir, back);
-    vec_into(p->hit.frame, back, p->eye);
+    vec_into(&p->hit.basis, back, p->eye);
     material_axis(p->hit.material, p->eye, axis);
-    vec_out_of(p->hit.frame, axis, p->axis);
+    vec_out_of(&p->hit.basis, axis, p->axis);
 }
 
 static void add_light(const float throughput[3], const float f[3], const float radiance[3],
@@ -72,7 +72,7 @@ static void add_light_sample(const render_job *job, path_point *p, const float u
     const envsamp_sample s = method_sample(job->method, job->environment, p->axis, u);
     float local[3], f[3], radiance[3], weight = 1.0f;
 
-    vec_into(p->hit.frame, s.dir, local);
+    vec_into(&p->hit.basis, s.dir, local);
     if (!(s.pdf > 0.0f) || local[2] <= 0.0f || vec_dot(p->hit.flat, s.dir) <= 0.0f)
         return;
     material_eval(p->hit.material, p->eye, local, f);
@@ -105,7 +105,7 @@ static int scatter(path_point *p, const float u[2], float dir[3], float *pdf)
 
     if (!material_sample(p->hit.material, p->eye, u, local, pdf))
         return 0;
-    vec_out_of(p->hit.frame, local, dir);
+    vec_out_of(&p->hit.basis, local, dir);
     if (vec_dot(p->hit.flat, dir) <= 0.0f)
         return 0;
     material_eval(p->hit.material, p->eye, local, f);

@@ -132,11 +132,11 @@ static void shade_point(const lights_pass *pass, scene_hit *hit, const float dir
     int i, c;
 
     vec_negate(dir, back);
-    vec_into(hit->frame, back, eye);
+    vec_into(&hit->basis, back, eye);
     for (i = 0; i < job->list->count; i++) {
         if (!taken(&lights[i], pass->which) || vec_dot(hit->flat, lights[i].dir) <= 0.0f)
             continue;
-        vec_into(hit->frame, lights[i].dir, local);
+        vec_into(&hit->basis, lights[i].dir, local);
         material_eval(hit->material, eye, local, f);
         if (!(f[0] + f[1] + f[2] > 0.0f)
             || scene_occluded(job->scene, hit->at, lights[i].dir))
@@ -149,7 +149,7 @@ static void shade_point(const lights_pass *pass, scene_hit *hit, const float dir
 static void add_feature(feature *f, const scene_hit *hit)
 {
     vec_along(f->at, 1.0f, hit->at, f->at);
-    vec_along(f->normal, 1.0f, hit->frame[2], f->normal);
+    vec_along(f->normal, 1.0f, hit->basis.z, f->normal);
     vec_along(f->albedo, 1.0f, hit->material->albedo, f->albedo);
     f->depth += hit->distance;
 }

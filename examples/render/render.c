@@ -18,6 +18,7 @@
 #include "environment.h"
 #include "integrator.h"
 #include "lights.h"
+#include "product.h"
 #include "scene.h"
 
 #include <errno.h>
@@ -39,6 +40,15 @@ typedef struct options {
     int independent, interleave;
     double seconds, rotate, compensation, exponent, exposure, seed;
 } options;
+
+/* Each of 32 rays from a point is a sample. */
+typedef struct product_method { const char *name, *what; } product_method;
+
+static const product_method product_methods[] = {
+    {"double", "halftoned light x BRDF x cosine, 32 samples at a time"},
+    {"triple", "the same x visibility by spheres inside of the objects"},
+    {NULL, NULL}
+};
 
 static int fail(const char *subject, const char *what)
 {
@@ -66,7 +76,7 @@ static void list_options(options *o, option list[OPTIONS])
         {"--scene", "NAME", "(knot)", &o->scene, 0, 0, 0, 0},
         {"--method", "NAME", "of sampling (facing+mis), or of --lights (relaxed)", &o->method, 0,
          0, 0, 0},
-        {"--spp", "N", "samples a pixel (64)", 0, &o->spp, 0, 1, 1 << 24},
+        {"--spp", "N", "samples a pixel (32)", 0, &o->spp, 0, 1, 1 << 24},
         {"--seconds", "S", "as many samples as the time allows, instead of --spp", 0, 0,
          &o->seconds, 0.01, 1e6},
         {"--lights", "K", "the map as that many directional lights", 0, &o->lights, 0, 1, 65536},
@@ -117,6 +127,8 @@ static void print_list(void)
     for (i = 0; light_samplers[i].name; i++)
         printf("  %-10s%s %s\n", light_samplers[i].name,
                light_samplers[i].sample ? "[+mis]" : "      ", light_samplers[i].what);
+    for (i = 0; product_methods[i].name; i++)
+        printf("  %-16s %s\n", product_methods[i].name, product_methods[i].what);
     printf("\nMethods, for --lights. Every light has a shadow ray from every point that is "
            "shaded.\n");
     for (i = 0; light_methods[i].name; i++)
@@ -197,7 +209,7 @@ static options default_options(void)
     o.env = "studio";
     o.scene = "knot";
     o.out = "render.png";
-    o.spp = 64;
+    o.spp = 32;
     o.bounces = o.reduce = 1;
     o.side = 2;
     o.width = 640;
@@ -377,18 +389,51 @@ static void end_progress(const clockwork *c)
 
 /* ---- pictures ---- */
 
+static void add_samples(void *job, film *f, uint32_t count)
+{
+    render_samples(job, f, count);
+}
+
+static void add_products(void *job, film *f, uint32_t count)
+{
+    product_samples(job, f, count);
+}
+
 /* Passes of 1, 1, 2, 4, .. samples, as long as another one fits into the time that is left. */
-static void render_seconds(const render_job *job, film *f, double seconds)
+static void render_seconds(void (*add)(void *job, film *f, uint32_t count), void *job, film *f,
+                           double seconds)
 {
     const double start = seconds_now();
     double spent = 0.0;
     uint32_t count = 1;
 
     do {
-        render_samples(job, f, count);
+        add(job, f, count);
         spent = seconds_now() - start;
         count = (uint32_t)fmin(f->samples, (seconds - spent) / (spent / f->samples));
     } while (count > 0 && spent < seconds);
+}
+
+/* `rays`: samples that each of the film's is made of. */
+static int render_film(const options *o, const char *name,
+                       void (*add)(void *job, film *f, uint32_t count), void *job, int rays,
+                       clockwork *c, image *picture)
+{
+    film f;
+
+    if (!film_make(&f, o->width, o->height))
+        return fail(o->out, "not enough memory for the picture");
+    c->start = c->said = seconds_now();
+    if (o->seconds > 0.0)
+        render_seconds(add, job, &f, o->seconds);
+    else
+        add(job, &f, (uint32_t)((o->spp + rays - 1) / rays));
+    end_progress(c);
+    film_image(&f, picture);
+    printf("%s, %s, %s: %u samples a pixel, %.2f s\n", o->env, o->scene, name,
+           (unsigned)f.samples * (unsigned)rays, seconds_now() - c->start);
+    film_free(&f);
+    return 1;
 }
 
 static int render_paths(const options *o, const scene *s, const environment *e, clockwork *c,
@@ -400,7 +445,7 @@ static int render_paths(const options *o, const scene *s, const environment *e, 
     char error[512];
     render_job job;
     method by;
-    film f;
+    int ok;
 
     if (!method_open(&by, name, e, &table, error, sizeof error))
         return fail("--method", error);
@@ -415,22 +460,35 @@ static int render_paths(const options *o, const scene *s, const environment *e, 
     job.seed = (uint32_t)o->seed;
     job.threads = o->threads;
     job.progress = &progress;
-    if (!film_make(&f, o->width, o->height)) {
-        method_close(&by);
-        return fail(o->out, "not enough memory for the picture");
-    }
-    c->start = c->said = seconds_now();
-    if (o->seconds > 0.0)
-        render_seconds(&job, &f, o->seconds);
-    else
-        render_samples(&job, &f, (uint32_t)o->spp);
-    end_progress(c);
-    film_image(&f, picture);
-    printf("%s, %s, %s: %u samples a pixel, %.2f s\n", o->env, o->scene, name,
-           (unsigned)f.samples, seconds_now() - c->start);
-    film_free(&f);
+    ok = render_film(o, name, add_samples, &job, 1, c, picture);
     method_close(&by);
-    return 1;
+    return ok;
+}
+
+static int render_products(const options *o, const scene *s, const environment *e, clockwork *c,
+                           image *picture)
+{
+    product *light = product_make(e);
+    tile_progress progress;
+    product_job job;
+    int ok;
+
+    if (!light)
+        return fail(o->env, "not enough memory for product sampling");
+    memset(&job, 0, sizeof job);
+    progress.report = report;
+    progress.user = c;
+    job.scene = s;
+    job.environment = e;
+    job.product = light;
+    job.triple = !strcmp(o->method, "triple");
+    job.rays = PRODUCT_RAYS;
+    job.seed = (uint32_t)o->seed;
+    job.threads = o->threads;
+    job.progress = &progress;
+    ok = render_film(o, o->method, add_products, &job, job.rays, c, picture);
+    product_free(light);
+    return ok;
 }
 
 static int render_lights(const options *o, const scene *s, const environment *e, clockwork *c,
@@ -468,6 +526,15 @@ static int render_lights(const options *o, const scene *s, const environment *e,
     return 1;
 }
 
+static int is_product(const char *name)
+{
+    int i = 0;
+
+    while (name && product_methods[i].name && strcmp(product_methods[i].name, name))
+        i++;
+    return name && product_methods[i].name;
+}
+
 static int render(const options *o)
 {
     image map = {0, 0, NULL}, picture = {0, 0, NULL};
@@ -478,7 +545,11 @@ static int render(const options *o)
     int ok;
 
     c.terminal = isatty(STDERR_FILENO);
-    c.limit = o->lights ? 0.0 : o->seconds;
+    c.limit = o->seconds;
+    if (o->bounces > 1 && (o->lights || is_product(o->method)))
+        return fail("--bounces", "lights and products are of direct light only");
+    if (o->seconds > 0.0 && o->lights)
+        return fail("--seconds", "not with --lights");
     if (!check_out(o->out) || !read_map(o->env, &map))
         return 0;
     environment_make(&e, &map, (float)o->rotate);
@@ -488,7 +559,8 @@ static int render(const options *o)
     ok = s && (image_alloc(&picture, o->width, o->height)
                || fail(o->out, "not enough memory for the picture"));
     ok = ok && (o->lights ? render_lights(o, s, &e, &c, &picture)
-                          : render_paths(o, s, &e, &c, &picture));
+                : is_product(o->method) ? render_products(o, s, &e, &c, &picture)
+                : render_paths(o, s, &e, &c, &picture));
     ok = ok && write_picture(o, &picture);
     scene_close(s);
     image_free(&picture);

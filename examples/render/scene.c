@@ -19,6 +19,10 @@
 
 #define OFFSET 2e-4f                 /* from the surface to where further rays begin */
 #define OBJECTS_MAX 24
+#define KNOT_TUBE 0.17f              /* radius */
+#define KNOT_ALONG 400               /* vertices */
+#define KNOT_AROUND 48
+#define KNOT_PROXIES 40
 
 /* A mesh, or a sphere where `radius` is above 0. */
 typedef struct object {
@@ -32,8 +36,9 @@ struct scene {
     RTCDevice device;
     RTCScene rays;
     float eye[3], axes[3][3], height;    /* axes: right, up, forward; height of the picture at 1 */
-    int object_count;
+    int object_count, proxy_count;
     object objects[OBJECTS_MAX];
+    scene_proxy proxies[PROXIES_MAX];
 };
 
 /* ---- materials, of the size of those that Ngan, Durand and Matusik fitted to measured surfaces in
@@ -91,6 +96,17 @@ static object *add_object(scene *s, material m)
     return o;
 }
 
+static void add_proxy(scene *s, float x, float y, float z, float radius)
+{
+    scene_proxy *p = &s->proxies[s->proxy_count];
+
+    if (s->proxy_count == PROXIES_MAX)
+        return;
+    vec_set(p->centre, x, y, z);
+    p->radius = radius;
+    s->proxy_count++;
+}
+
 static int add_ground(scene *s, material m, material other, float field)
 {
     object *o = add_object(s, m);
@@ -116,6 +132,7 @@ static int add_sphere(scene *s, material m, float x, float y, float radius)
 
     vec_set(o->centre, x, y, radius);
     o->radius = radius;
+    add_proxy(s, x, y, radius, 0.98f * radius);
     return 1;
 }
 
@@ -127,6 +144,10 @@ static int add_vase(scene *s, material m, float x, float y, float scale)
     if (!mesh_vase(&o->shape, 160, 128))
         return 0;
     mesh_place(&o->shape, 0, scale, 0.0f, at);
+    add_proxy(s, x, y, 0.44f * scale, 0.33f * scale);
+    add_proxy(s, x, y, 0.24f * scale, 0.2f * scale);
+    add_proxy(s, x, y, 0.68f * scale, 0.2f * scale);
+    add_proxy(s, x, y, 0.83f * scale, 0.12f * scale);
     return 1;
 }
 
@@ -136,7 +157,7 @@ static int add_knot(scene *s, material m, const float at[3], float scale, float 
     object *o = add_object(s, m);
     int i;
 
-    if (!mesh_knot(&o->shape, 2, 3, 0.17f, 400, 48))
+    if (!mesh_knot(&o->shape, 2, 3, KNOT_TUBE, KNOT_ALONG, KNOT_AROUND))
         return 0;
     for (i = 0; i < o->shape.vertex_count; i++) {
         vertex *v = &o->shape.vertices[i];
@@ -146,6 +167,14 @@ static int add_knot(scene *s, material m, const float at[3], float scale, float 
         vec_set(v->tangent, v->tangent[2], v->tangent[1], -v->tangent[0]);
     }
     mesh_place(&o->shape, 0, scale, turn, at);
+    for (i = 0; i < KNOT_PROXIES; i++) {     /* the middle of a ring is that of two of its points */
+        const vertex *ring = &o->shape.vertices[(i * KNOT_ALONG / KNOT_PROXIES)
+                                                * (KNOT_AROUND + 1)];
+        const float *a = ring[0].at, *b = ring[KNOT_AROUND / 2].at;
+
+        add_proxy(s, 0.5f * (a[0] + b[0]), 0.5f * (a[1] + b[1]), 0.5f * (a[2] + b[2]),
+                  0.98f * KNOT_TUBE * scale);
+    }
     return 1;
 }
 
@@ -201,6 +230,7 @@ static int add_cube(scene *s, float alpha, const float at[3], float scale, float
         if (i != 13 && !mesh_box(&o->shape, centre, half, 0.07f))
             return 0;
     }
+    add_proxy(s, up[0], up[1], up[2], 0.49f * scale);
     for (face = 0; face <= 6; face++) {
         if (face) {
             const float *c = colours[face - 1];
@@ -501,10 +531,16 @@ int scene_closest(const scene *s, const float from[3], const float dir[3], scene
     }
     vec_normalize(hit->flat);
     face_ray(dir, hit->flat, normal);
-    vec_frame(normal, tangent, hit->frame);
+    vec_make_basis(normal, tangent, &hit->basis);
     hit->material = object_material(o, hit->at);
     vec_along(hit->at, OFFSET, hit->flat, hit->at);
     return 1;
+}
+
+int scene_proxies(const scene *s, const scene_proxy **proxies)
+{
+    *proxies = s->proxies;
+    return s->proxy_count;
 }
 
 int scene_occluded(const scene *s, const float from[3], const float dir[3])

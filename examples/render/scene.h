@@ -3,7 +3,7 @@
  *     scene *s = scene_open("vase", error, sizeof error);
  *     scene_ray(s, x, y, aspect, from, dir);            (x, y) of the picture, 0..1
  *     if (scene_closest(s, from, dir, &hit))
- *         ... hit.frame[2], hit.material ...
+ *         ... hit.basis.z, hit.material ...
  *     scene_close(s);
  *
  * +z is up, as in the library. Once open, a scene is read-only: any number of threads may ask it.
@@ -12,6 +12,7 @@
 #define RENDER_SCENE_H
 
 #include "material.h"
+#include "vector.h"
 
 #include <stddef.h>
 
@@ -21,7 +22,7 @@ typedef struct scene scene;
 typedef struct scene_hit {
     float at[3];             /* a little off the surface, on the side that the ray came from */
     float flat[3];           /* normal of the triangle; on that side too */
-    float frame[3][3];       /* tangent, bitangent, shading normal */
+    vec_basis basis;         /* of the shading normal */
     float distance;
     const material *material;
 } scene_hit;
@@ -43,5 +44,14 @@ int scene_closest(const scene *s, const float from[3], const float dir[3], scene
 
 /* Whether anything is in the way. */
 int scene_occluded(const scene *s, const float from[3], const float dir[3]);
+
+/* Spheres inside of the scene's objects: what they hide is hidden. For points inside of a vase they
+   hide too much. */
+typedef struct scene_proxy { float centre[3], radius; } scene_proxy;
+
+#define PROXIES_MAX 96
+
+/* How many there are; *proxies points into the scene. */
+int scene_proxies(const scene *s, const scene_proxy **proxies);
 
 #endif

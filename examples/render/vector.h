@@ -1,8 +1,8 @@
-/* vector.h: vectors of three floats and frames of three such vectors, for the renderer.
+/* vector.h: vectors of three floats, and a basis of three such vectors, for the renderer.
  *
- *     float frame[3][3], local[3];
- *     vec_frame(normal, tangent, frame);        rows: tangent, bitangent, normal
- *     vec_into(frame, dir, local);              local[2] is the cosine to the normal
+ *     vec_basis basis;
+ *     vec_make_basis(normal, tangent, &basis);
+ *     vec_into(&basis, dir, local);             local[2] is the cosine to the normal
  */
 #ifndef RENDER_VECTOR_H
 #define RENDER_VECTOR_H
@@ -62,38 +62,39 @@ static inline void vec_normalize(float a[3])
     vec_set(a, a[0] * scale, a[1] * scale, a[2] * scale);
 }
 
-/* Rows: a tangent as close to the given one as it can be, the bitangent, the unit normal. Any
-   tangent where the given one is zero or along the normal. */
-static inline void vec_frame(const float normal[3], const float tangent[3], float frame[3][3])
+/* Unit vectors, each perpendicular to the others: tangent, bitangent, normal. */
+typedef struct vec_basis { float x[3], y[3], z[3]; } vec_basis;
+
+/* The tangent is as close to the given one as it can be; any where that is zero or along the
+   normal. */
+static inline void vec_make_basis(const float normal[3], const float tangent[3], vec_basis *to)
 {
     const float sign = normal[2] < 0.0f ? -1.0f : 1.0f, a = -1.0f / (sign + normal[2]);
-    float along = vec_dot(normal, tangent), side[3];
 
-    vec_along(tangent, -along, normal, side);
-    if (!(vec_dot(side, side) > 1e-8f))     /* [Duff et al., Building an orthonormal basis, 2017] */
-        vec_set(side, 1.0f + sign * normal[0] * normal[0] * a, sign * normal[0] * normal[1] * a,
+    vec_along(tangent, -vec_dot(normal, tangent), normal, to->x);
+    if (!(vec_dot(to->x, to->x) > 1e-8f))   /* [Duff et al., Building an orthonormal basis, 2017] */
+        vec_set(to->x, 1.0f + sign * normal[0] * normal[0] * a, sign * normal[0] * normal[1] * a,
                 -sign * normal[0]);
-    vec_normalize(side);
-    vec_copy(side, frame[0]);
-    vec_cross(normal, side, frame[1]);
-    vec_copy(normal, frame[2]);
+    vec_normalize(to->x);
+    vec_cross(normal, to->x, to->y);
+    vec_copy(normal, to->z);
 }
 
-static inline void vec_into(float frame[3][3], const float world[3], float local[3])
+static inline void vec_into(const vec_basis *basis, const float world[3], float local[3])
 {
-    const float x = vec_dot(frame[0], world), y = vec_dot(frame[1], world);
-    const float z = vec_dot(frame[2], world);
+    const float x = vec_dot(basis->x, world), y = vec_dot(basis->y, world);
+    const float z = vec_dot(basis->z, world);
 
     vec_set(local, x, y, z);
 }
 
-static inline void vec_out_of(float frame[3][3], const float local[3], float world[3])
+static inline void vec_out_of(const vec_basis *basis, const float local[3], float world[3])
 {
     const float x = local[0], y = local[1], z = local[2];
     int i;
 
     for (i = 0; i < 3; i++)
-        world[i] = x * frame[0][i] + y * frame[1][i] + z * frame[2][i];
+        world[i] = x * basis->x[i] + y * basis->y[i] + z * basis->z[i];
 }
 
 #endif
