@@ -36,7 +36,8 @@ HEADERS  := envsamp.h $(wildcard examples/common/*.h examples/render/*.h tests/*
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
-LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh bits.sh fast_math.sh stack.sh) \
+LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh render.sh bits.sh fast_math.sh \
+              stack.sh) \
             $(addprefix $(BUILD)/test_, lights_lamps kd_statistics kd_fit halftone cdf kd_warp \
               kd_exact kd_facing kd_table bilinear coarse lights_cuts lights lights_decomposed \
               kd_layout steps mapping placement)
@@ -49,8 +50,8 @@ EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr
 RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
-.PHONY: help demo lights facing product render unbiased test bench scale fuzz corpus mutants coverage figures \
-        facing-table convergence halftone scene lamps coarse shapes builds targets least-squares \
+.PHONY: help demo lights facing product render unbiased test bench scale fuzz corpus mutants \
+        coverage figures facing-table convergence halftone scene lamps coarse shapes builds targets least-squares \
         again portability portability-setup data setup clean
 
 help:  ## list the targets
@@ -259,7 +260,8 @@ $(BUILD)/coarse $(BUILD)/shapes: $(BUILD)/%: bench/%.c $(COMMON) $(HEADERS) agai
 
 # Two versions in one program, if HEADER names another.
 VERSION = $(CC) -std=c99 $(CFLAGS) -I. bench/builds_version.c
-$(BUILD)/builds: bench/builds.c bench/builds_version.c $(TIMED) $(COMMON) $(OBJECTS) $(HEADERS) again
+$(BUILD)/builds: bench/builds.c bench/builds_version.c $(TIMED) $(COMMON) $(OBJECTS) $(HEADERS) \
+                 again
 	$(VERSION) -DVERSION=builds_now -c -o $(BUILD)/builds_now.o
 	$(if $(HEADER),$(VERSION) -w $(OTHER_HEADER) -DVERSION=builds_before -c \
 	    -o $(BUILD)/builds_before.o)

@@ -273,7 +273,7 @@ typedef struct moments_job {
     trial *trial;
 } moments_job;
 
-/* Whether second moments are known: where samples of the light and of the BSDF are weighed, or drawn
+/* Whether second moments are known. Where samples of the light and of the BSDF are weighed, or drawn
    by both, they are bounded, and the spread of what is found will do. */
 static int has_moments(const subject *by)
 {
@@ -587,8 +587,8 @@ static void report(const subject *by)
               100.0 * mean, 100.0 * error);
     else
         CHECK(enough && all && by->worst_tile < MOST && by->worst_picture < MOST,
-              "%s: %d pictures, %d of %d tiles judged, worst tile %.2f, worst picture %.2f standard "
-              "errors, %d tried again; all %+.3f %%, error %.3f %%", by->name, by->pictures,
+              "%s: %d pictures, %d of %d tiles judged, worst tile %.2f, worst picture %.2f "
+              "standard errors, %d tried again; all %+.3f %%, error %.3f %%", by->name, by->pictures,
               by->judged, by->tiles, by->worst_tile, by->worst_picture, by->again, 100.0 * mean,
               100.0 * error);
 }

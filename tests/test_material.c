@@ -94,7 +94,7 @@ static int cell_of(const float dir[3])
 typedef struct draws {
     double hits[CELLS + 1];          /* the last: below the surface */
     stat_moments weight;             /* of BRDF x cosine / density, green */
-    double largest;                  /* difference of a density and that of material_pdf, relative */
+    double largest;                  /* difference to the density of material_pdf, relative */
 } draws;
 
 static void draw_all(const material *m, const float eye[3], draws *d)

@@ -9,8 +9,8 @@
  *     environment_radiance(&e, dir, rgb);
  *     method_close(&by);
  *
- * A sampler is one row of light_samplers: a program that measures others makes rows of its own, and a
- * method of them with method_make.
+ * A sampler is one row of light_samplers: a program that measures others makes rows of its own, and
+ * a method of one with method_make.
  */
 #ifndef RENDER_ENVIRONMENT_H
 #define RENDER_ENVIRONMENT_H

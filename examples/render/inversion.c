@@ -144,7 +144,8 @@ envsamp_sample inversion_sample(const inversion *table, float u0, float u1)
 float inversion_pdf(const inversion *table, const float dir[3])
 {
     const float theta = acosf(fminf(fmaxf(dir[2], -1.0f), 1.0f));
-    const float turn = atan2f(dir[1], dir[0]) / (2.0f * VEC_PI), u = turn < 0.0f ? turn + 1.0f : turn;
+    const float turn = atan2f(dir[1], dir[0]) / (2.0f * VEC_PI);
+    const float u = turn < 0.0f ? turn + 1.0f : turn;
     const int x = (int)(u * (float)table->width) % table->width;
     const int y = (int)(theta / VEC_PI * (float)table->height);
     const int row = y < table->height ? y : table->height - 1;

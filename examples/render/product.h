@@ -5,12 +5,12 @@
  *     product_samples(&job, &film, 1);                  job.rays rays from one point a pixel
  *     product_free(light);
  *
- * [Szirmay-Kalos, Szecsi, Penzov: Environment Mapping with Floyd-Steinberg Halftoning, 2010, section
- * 1.3.3], with envsamp_halftone. examples/product.c explains how, for two spheres on a plane; here
- * it is done for any scene. What differs:
+ * [Szirmay-Kalos, Szecsi, Penzov: Environment Mapping with Floyd-Steinberg Halftoning, 2010,
+ * section 1.3.3], with envsamp_halftone. examples/product.c explains how, for two spheres on a
+ * plane; here it is done for any scene. What differs:
  *
- * - The importance map of a point covers the whole sphere, 32 x 32 parts of equal area, each the root
- *   of a mip chain down to 256 x 256.
+ * - The importance map of a point covers the whole sphere: 32 x 32 parts of equal area, each the
+ *   root of a mip chain down to 256 x 256.
  * - Within a part of some size the BRDF is that of a rougher surface, as rough as the part is wide:
  *   so a highlight narrower than a part is not missed by looking at its middle.
  * - A share of light, of BRDF and of visibility is added to each, so that density is above zero

@@ -288,8 +288,8 @@ static int compare_floats(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Brings the middle eight tenths of luminances to a middle grey, unless a tenth of the picture would
-   then be white; 0 if memory is short. */
+/* Brings the middle eight tenths of luminances to a middle grey, or to less where a tenth of the
+   picture would then be white; 0 if memory is short. */
 static float find_exposure(const image *picture)
 {
     const size_t pixels = (size_t)picture->width * (size_t)picture->height;
