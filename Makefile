@@ -51,8 +51,8 @@ RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
 .PHONY: help demo lights facing product render unbiased test bench scale fuzz corpus mutants \
-        coverage figures facing-table convergence halftone scene lamps coarse shapes builds targets least-squares \
-        again portability portability-setup data setup clean
+        coverage figures facing-table convergence halftone scene lamps coarse shapes builds \
+        targets least-squares again portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile

@@ -273,8 +273,8 @@ typedef struct moments_job {
     trial *trial;
 } moments_job;
 
-/* Whether second moments are known. Where samples of the light and of the BSDF are weighed, or drawn
-   by both, they are bounded, and the spread of what is found will do. */
+/* Whether second moments are known. Where samples of the light and of the BSDF are weighed, or
+   drawn by both, they are bounded, and the spread of what is found will do. */
 static int has_moments(const subject *by)
 {
     return !by->mis && !by->product;
@@ -588,9 +588,9 @@ static void report(const subject *by)
     else
         CHECK(enough && all && by->worst_tile < MOST && by->worst_picture < MOST,
               "%s: %d pictures, %d of %d tiles judged, worst tile %.2f, worst picture %.2f "
-              "standard errors, %d tried again; all %+.3f %%, error %.3f %%", by->name, by->pictures,
-              by->judged, by->tiles, by->worst_tile, by->worst_picture, by->again, 100.0 * mean,
-              100.0 * error);
+              "standard errors, %d tried again; all %+.3f %%, error %.3f %%", by->name,
+              by->pictures, by->judged, by->tiles, by->worst_tile, by->worst_picture, by->again,
+              100.0 * mean, 100.0 * error);
 }
 
 static int try_maps(trial *t)

@@ -27,8 +27,8 @@ static float fresnel_dielectric(float cosine, float ior)
     return 0.5f * (perpendicular * perpendicular + parallel * parallel);
 }
 
-/* What of even light from inside a dielectric is reflected back, 1 - (1 - outside) / ior^2. The same
-   from outside is the mean of the reflectance over cos^2, by the midpoint rule. */
+/* What of even light from inside a dielectric is reflected back, 1 - (1 - outside) / ior^2. From
+   outside it is the mean of the reflectance over cos^2, by the midpoint rule. */
 static float fresnel_inside(float ior)
 {
     const int steps = 512;
