@@ -40,6 +40,7 @@ same() {  # what, options: 1, 2 and 5 threads give the same file
 }
 
 same "paths, Sobol" --scene chrome --bounces 6
+same "paths, fixed places of a pixel" --side 2 --method inversion+mis
 same "paths, independent numbers" --independent --scene cube --method cdf+mis --bounces 3
 same "products" --scene metal --method triple
 same "lights, interleaved, reduced" --scene vase --lights 9 --method decomposed --interleave \

@@ -1,6 +1,5 @@
 /* integrator.c: see integrator.h. */
 #include "integrator.h"
-#include "numbers.h"
 #include "vector.h"
 
 #include <stdlib.h>
@@ -27,6 +26,17 @@ void film_free(film *f)
 {
     free(f->rgb);
     f->rgb = f->squares = NULL;
+}
+
+void film_add(film *f, int x, int y, const float rgb[3])
+{
+    const size_t pixel = (size_t)y * (size_t)f->width + (size_t)x;
+    const double luminance = (double)envsamp_luminance(rgb);
+    size_t c;
+
+    for (c = 0; c < 3; c++)
+        f->rgb[3 * pixel + c] += (double)rgb[c];
+    f->squares[pixel] += luminance * luminance;
 }
 
 void film_image(const film *f, image *out)
@@ -170,6 +180,26 @@ static void trace(const render_job *job, const numbers *n, const float from[3], 
 
 /* ---- pictures ---- */
 
+/* Every part of a pixel has a sequence of its own. */
+numbers pixel_ray(const scene *s, const film *f, int x, int y, int side, int independent,
+                  uint32_t seed, uint32_t sample, float from[3], float dir[3])
+{
+    const uint32_t parts = side > 0 ? (uint32_t)(side * side) : 1, part = sample % parts;
+    const uint32_t pixel = hash_combine(seed, (uint32_t)(y * f->width + x));
+    const numbers n = numbers_make(independent, part ? hash_combine(pixel, part) : pixel,
+                                   sample / parts);
+    float u[2];
+
+    numbers_pair(&n, NUMBERS_PIXEL, 0, u);
+    if (side > 0) {
+        u[0] = ((float)((int)part % side) + 0.5f) / (float)side;
+        u[1] = ((float)((int)part / side) + 0.5f) / (float)side;
+    }
+    scene_ray(s, ((float)x + u[0]) / (float)f->width, ((float)y + u[1]) / (float)f->height,
+              (float)f->width / (float)f->height, from, dir);
+    return n;
+}
+
 typedef struct film_pass {
     const render_job *job;
     film *film;
@@ -179,26 +209,15 @@ typedef struct film_pass {
 static void shade_pixel(const film_pass *pass, int x, int y)
 {
     const render_job *job = pass->job;
-    const film *f = pass->film;
-    const size_t pixel = (size_t)y * (size_t)f->width + (size_t)x;
-    const float aspect = (float)f->width / (float)f->height;
-    const uint32_t seed = hash_combine(job->seed, (uint32_t)pixel);
     uint32_t i;
-    int c;
 
     for (i = pass->first; i < pass->first + pass->count; i++) {
-        const numbers n = numbers_make(job->independent, seed, i);
-        float u[2], from[3], dir[3], rgb[3] = {0.0f, 0.0f, 0.0f};
-        double luminance;
+        float from[3], dir[3], rgb[3] = {0.0f, 0.0f, 0.0f};
+        const numbers n = pixel_ray(job->scene, pass->film, x, y, job->side, job->independent,
+                                    job->seed, i, from, dir);
 
-        numbers_pair(&n, NUMBERS_PIXEL, 0, u);
-        scene_ray(job->scene, ((float)x + u[0]) / (float)f->width,
-                  ((float)y + u[1]) / (float)f->height, aspect, from, dir);
         trace(job, &n, from, dir, rgb);
-        for (c = 0; c < 3; c++)
-            f->rgb[3 * pixel + (size_t)c] += (double)rgb[c];
-        luminance = (double)envsamp_luminance(rgb);
-        f->squares[pixel] += luminance * luminance;
+        film_add(pass->film, x, y, rgb);
     }
 }
 

@@ -1,6 +1,5 @@
 /* product.c: see product.h. */
 #include "product.h"
-#include "numbers.h"
 #include "vector.h"
 
 #include <stdlib.h>
@@ -365,32 +364,21 @@ typedef struct product_pass {
 static void shade_pixel(const product_pass *pass, int x, int y)
 {
     const product_job *job = pass->job;
-    const film *f = pass->film;
-    const size_t pixel = (size_t)y * (size_t)f->width + (size_t)x;
-    const uint32_t seed = hash_combine(job->seed, (uint32_t)pixel);
     uint32_t i;
-    int c;
 
     for (i = pass->first; i < pass->first + pass->count; i++) {
-        const numbers n = numbers_make(0, seed, i);
-        float u[2], from[3], dir[3], rgb[3] = {0.0f, 0.0f, 0.0f};
+        float from[3], dir[3], rgb[3] = {0.0f, 0.0f, 0.0f};
+        const numbers n = pixel_ray(job->scene, pass->film, x, y, job->side, 0, job->seed, i, from,
+                                    dir);
         product_point p;
-        double luminance;
 
-        numbers_pair(&n, NUMBERS_PIXEL, 0, u);
-        scene_ray(job->scene, ((float)x + u[0]) / (float)f->width,
-                  ((float)y + u[1]) / (float)f->height, (float)f->width / (float)f->height, from,
-                  dir);
         if (scene_closest(job->scene, from, dir, &p.hit)) {
             make_point(&p, dir);
-            shade_point(job, &p, hash_combine(seed, 0x10000u + i), rgb);
+            shade_point(job, &p, hash_combine(n.seed, 0x10000u + n.sample), rgb);
         } else {
             environment_radiance(job->environment, dir, rgb);
         }
-        for (c = 0; c < 3; c++)
-            f->rgb[3 * pixel + (size_t)c] += (double)rgb[c];
-        luminance = (double)envsamp_luminance(rgb);
-        f->squares[pixel] += luminance * luminance;
+        film_add(pass->film, x, y, rgb);
     }
 }
 

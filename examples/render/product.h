@@ -37,6 +37,7 @@ typedef struct product_job {
     const environment *environment;
     const product *product;
     int triple;
+    int side;                        /* as in render_job */
     int rays;                        /* M, from every point; 1 .. PRODUCT_RAYS_MAX */
     uint32_t seed;
     int threads;

@@ -82,7 +82,8 @@ static void list_options(options *o, option list[OPTIONS])
         {"--lights", "K", "the map as that many directional lights", 0, &o->lights, 0, 1, 65536},
         {"--reduce", "N", "lights that are not EnvDirects at 1/N of the size (1)", 0, &o->reduce,
          0, 1, 16},
-        {"--side", "N", "with --lights, N x N rays through a pixel (2)", 0, &o->side, 0, 1, 64},
+        {"--side", "N", "rays through N x N fixed places of a pixel (any; with --lights 2)", 0,
+         &o->side, 0, 1, 64},
         {"--bounces", "N", "1: direct light (1)", 0, &o->bounces, 0, 1, 1000},
         {"--rotate", "DEG", "turns the map about the vertical axis (0)", 0, 0, &o->rotate, -1e4,
          1e4},
@@ -211,7 +212,6 @@ static options default_options(void)
     o.out = "render.png";
     o.spp = 32;
     o.bounces = o.reduce = 1;
-    o.side = 2;
     o.width = 640;
     o.height = 360;
     o.seed = 1.0;
@@ -456,6 +456,7 @@ static int render_paths(const options *o, const scene *s, const environment *e, 
     job.environment = e;
     job.method = &by;
     job.bounces = o->bounces;
+    job.side = o->side;
     job.independent = o->independent;
     job.seed = (uint32_t)o->seed;
     job.threads = o->threads;
@@ -482,6 +483,7 @@ static int render_products(const options *o, const scene *s, const environment *
     job.environment = e;
     job.product = light;
     job.triple = !strcmp(o->method, "triple");
+    job.side = o->side;
     job.rays = PRODUCT_RAYS;
     job.seed = (uint32_t)o->seed;
     job.threads = o->threads;
@@ -510,7 +512,7 @@ static int render_lights(const options *o, const scene *s, const environment *e,
     job.environment = e;
     job.list = &list;
     job.sets = o->interleave ? LIGHTS_SETS : 1;
-    job.side = o->side;
+    job.side = o->side ? o->side : 2;
     job.reduce = o->reduce;
     job.seed = (uint32_t)o->seed;
     job.threads = o->threads;
