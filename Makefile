@@ -21,15 +21,23 @@ OTHER_HEADER = $(if $(HEADER),-DHEADER='"$(abspath $(HEADER))"')
 EXR_CFLAGS = -DHAVE_OPENEXR $(shell pkg-config --cflags OpenEXR 2>/dev/null)
 EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
 
+# The renderer, built and tested where Embree is.
+EMBREE       := $(firstword $(foreach version,3 4,$(if $(wildcard \
+                  /usr/include/embree$(version)/rtcore.h),embree$(version))))
+RENDER_LIBS   = -l$(or $(EMBREE),embree3) $(EXR_LIBS) -pthread -lm
+RENDER_PARTS := scene shapes material environment inversion integrator lights upsample product tiles
+
 COMMON   := examples/common/image.c examples/common/maps.c
-EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr)
+EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr \
+              $(if $(EMBREE),render render_unbiased))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
-HEADERS  := envsamp.h $(wildcard examples/common/*.h tests/*.h bench/*.h)
+HEADERS  := envsamp.h $(wildcard examples/common/*.h examples/render/*.h tests/*.h bench/*.h)
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
-LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh bits.sh fast_math.sh stack.sh) \
+LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh render.sh bits.sh fast_math.sh \
+              stack.sh) \
             $(addprefix $(BUILD)/test_, lights_lamps kd_statistics kd_fit halftone cdf kd_warp \
               kd_exact kd_facing kd_table bilinear coarse lights_cuts lights lights_decomposed \
               kd_layout steps mapping placement)
@@ -39,11 +47,12 @@ JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 # Compiled once: what examples link, what the demo and tests do, which read EXR files, and tests.
 OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o maps.o picture.o)
 EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr.o)
+RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 
-.PHONY: help demo lights facing product test bench scale fuzz corpus mutants coverage figures \
-        facing-table convergence halftone scene lamps coarse shapes builds targets importance \
-        least-squares again portability portability-setup data setup clean
+.PHONY: help demo lights facing product render unbiased test bench scale fuzz corpus mutants \
+        coverage figures facing-table convergence halftone scene lamps coarse shapes builds \
+        targets importance least-squares again portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -70,6 +79,17 @@ facing: $(BUILD)/facing  ## light x cosine beside light alone and MIS, and a pic
 
 product: $(BUILD)/product  ## product sampling by halftones beside BRDF and SIR, and a picture
 	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT)
+
+# RENDER="--env data/city.pfm --scene chrome --spp 256"; build/render --help shows all options.
+render: setup  ## a scene lit by a map through Embree, and its picture; RENDER="--scene cube"
+	@$(MAKE) --no-print-directory $(BUILD)/render
+	@mkdir -p $(BUILD)/pictures
+	$(BUILD)/render --out $(BUILD)/pictures/render.png $(RENDER)
+
+# A quarter of an hour on two cores. tests/test_render.sh has a short one.
+unbiased: setup  ## every sampling method of the renderer beside a reference, at 1024 samples
+	@$(MAKE) --no-print-directory $(BUILD)/render_unbiased
+	$(BUILD)/render_unbiased -t $(JOBS) 1024 64 48
 
 # MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.
 bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
@@ -168,6 +188,15 @@ $(BUILD)/%.o: tests/%.c $(HEADERS) | $(BUILD)
 $(BUILD)/%.o: examples/common/%.c $(HEADERS) | $(BUILD)
 	$(COMPILE) $(EXR_CFLAGS) -c $< -o $@
 
+$(BUILD)/render_%.o: examples/render/%.c $(HEADERS) | $(BUILD)
+	$(COMPILE) $(EXR_CFLAGS) -pthread -c $< -o $@
+
+$(BUILD)/render: examples/render/render.c $(RENDER_OBJECTS) $(HEADERS)
+	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(RENDER_OBJECTS) $(RENDER_LIBS) -o $@
+
+$(BUILD)/render_unbiased: $(BUILD)/render_unbiased.o $(RENDER_OBJECTS)
+	$(CC) $(CFLAGS) $^ $(RENDER_LIBS) -o $@
+
 $(BUILD)/image.o: examples/common/image.c $(HEADERS) | $(BUILD)
 	$(COMPILE) -c $< -o $@
 
@@ -234,7 +263,8 @@ $(BUILD)/coarse $(BUILD)/shapes: $(BUILD)/%: bench/%.c $(COMMON) $(HEADERS) agai
 
 # Two versions in one program, if HEADER names another.
 VERSION = $(CC) -std=c99 $(CFLAGS) -I. bench/builds_version.c
-$(BUILD)/builds: bench/builds.c bench/builds_version.c $(TIMED) $(COMMON) $(OBJECTS) $(HEADERS) again
+$(BUILD)/builds: bench/builds.c bench/builds_version.c $(TIMED) $(COMMON) $(OBJECTS) $(HEADERS) \
+                 again
 	$(VERSION) -DVERSION=builds_now -c -o $(BUILD)/builds_now.o
 	$(if $(HEADER),$(VERSION) -w $(OTHER_HEADER) -DVERSION=builds_before -c \
 	    -o $(BUILD)/builds_before.o)
@@ -258,6 +288,8 @@ $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/figures.c tests/inside.c $(COMMON) -lm -o $@
 
 $(BUILD)/test_fuzz.o: tests/fuzz.c
+
+$(BUILD)/test_material: $(BUILD)/render_material.o
 
 # It counts calls of functions, in a copy of the library that is its own.
 $(BUILD)/test_work.o: override CFLAGS += -finstrument-functions

@@ -3,7 +3,8 @@
 # needs none of them.
 missing=
 pkg-config --exists OpenEXR 2>/dev/null || missing="$missing libopenexr-dev pkg-config"
-[ -f /usr/include/embree3/rtcore.h ] || missing="$missing libembree-dev"
+[ -f /usr/include/embree3/rtcore.h ] || [ -f /usr/include/embree4/rtcore.h ] \
+    || missing="$missing libembree-dev"
 [ -n "$missing" ] || exit 0
 
 install="apt-get install -y$missing"
