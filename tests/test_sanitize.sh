@@ -1,15 +1,16 @@
 #!/bin/sh
 # The tests that damage tables and feed bad input once more, under the address and undefined
 # behaviour sanitizers: reads outside a table that happen to be harmless fail here. Those
-# of halftones and lights without the real maps, which are not where they run. It is the library
-# that is watched, so that alone is compiled for them, once; the tests run at their usual speed.
+# of halftones and lights without the real maps, which are not where they run. It is the library,
+# and what the examples share, that is watched, so that alone is compiled for them, once; the tests
+# run at their usual speed.
 cd "$(dirname "$0")/.." || exit 1
 cc=${CC:-cc}
 tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
 kinds=address,undefined,float-divide-by-zero,float-cast-overflow
 subjects="kd_faults kd_table kd_layout kd_warp kd_facing kd_target cdf lm halftone lights
-          lights_cuts lights_decomposed fuzz"
+          lights_cuts lights_decomposed fuzz errors"
 count=0
 
 printf 'int main(void) { return 0; }\n' >"$tmp/probe.c"
@@ -34,7 +35,7 @@ compile() {
 watch="-fsanitize=$kinds -fno-sanitize-recover=all"
 if [ $able = 1 ]; then
     compile "-O2 $watch" tests/envsamp.c
-    compile "-O1 $watch" tests/inside.c
+    compile "-O1 $watch" tests/inside.c examples/common/errors.c
     compile -O2 tests/statistics.c examples/common/image.c examples/common/maps.c
 fi
 for subject in $subjects; do
