@@ -21,7 +21,7 @@ OTHER_HEADER = $(if $(HEADER),-DHEADER='"$(abspath $(HEADER))"')
 EXR_CFLAGS = -DHAVE_OPENEXR $(shell pkg-config --cflags OpenEXR 2>/dev/null)
 EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
 
-COMMON   := examples/common/image.c examples/common/maps.c
+COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
 EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr)
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
@@ -37,8 +37,8 @@ ORDERED  := $(filter $(TESTS) $(SCRIPTS),$(LONGEST)) $(filter-out $(LONGEST),$(T
 JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 
 # Compiled once: what examples link, what the demo and tests do, which read EXR files, and tests.
-OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o maps.o picture.o)
-EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr.o)
+OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o hdr.o maps.o picture.o)
+EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o hdr.o maps.o picture.o exr.o)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o) $(EXR_OBJECTS)
 
 .PHONY: help demo lights facing product test bench scale fuzz corpus mutants coverage figures \
@@ -48,9 +48,9 @@ TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o) $(EXR_OBJE
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
 
-# A real map needs the build that reads EXR, which needs libopenexr.
+# A map from a file takes the build that reads EXR too, which needs libopenexr.
 ifdef ENV
-demo: setup $(BUILD)/demo_exr  ## sample made-up maps and draw pictures; ENV=file.exr: that map
+demo: setup $(BUILD)/demo_exr  ## sample made-up maps and draw pictures; ENV=file: that map
 	$(BUILD)/demo_exr -o $(BUILD)/pictures $(ENV)
 else
 demo: $(BUILD)/demo
@@ -71,7 +71,7 @@ facing: $(BUILD)/facing  ## light x cosine beside light alone and MIS, and a pic
 product: $(BUILD)/product  ## product sampling by halftones beside BRDF and SIR, and a picture
 	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT)
 
-# MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.
+# MAP: sky, studio, constant, night, foliage, or an HDR or PFM file; enlarged to 2048.
 bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
 	$(BUILD)/bench $(MAP)
 	$(BUILD)/cold $(MAP)
@@ -186,10 +186,9 @@ $(BUILD)/demo_exr: examples/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS
 $(BUILD)/quickstart: examples/quickstart.c $(HEADERS) | $(BUILD)
 	$(COMPILE) $< -lm -o $@
 
-$(BUILD)/exr_to_pfm: examples/common/exr_to_pfm.c examples/common/image.c examples/common/exr.c \
-                     $(HEADERS) | $(BUILD)
-	$(COMPILE) $(EXR_CFLAGS) examples/common/exr_to_pfm.c examples/common/image.c \
-	    examples/common/exr.c $(EXR_LIBS) -lm -o $@
+$(BUILD)/exr_to_pfm: $(addprefix examples/common/, exr_to_pfm.c image.c hdr.c exr.c) $(HEADERS) \
+                     | $(BUILD)
+	$(COMPILE) $(EXR_CFLAGS) $(filter %.c,$^) $(EXR_LIBS) -lm -o $@
 
 $(BUILD)/bench: bench/bench.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/bench.c $(TIMED) $(COMMON) -lm -o $@
