@@ -25,7 +25,7 @@ COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
 EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr)
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
-HEADERS  := envsamp.h $(wildcard examples/common/*.h tests/*.h bench/*.h)
+HEADERS  := envsamp.h $(wildcard examples/common/*.h examples/render/*.h tests/*.h bench/*.h)
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
@@ -165,6 +165,9 @@ $(BUILD)/%.o: tests/%.c $(HEADERS) | $(BUILD)
 $(BUILD)/%.o: examples/common/%.c $(HEADERS) | $(BUILD)
 	$(COMPILE) $(EXR_CFLAGS) -c $< -o $@
 
+$(BUILD)/%.o: examples/render/%.c $(HEADERS) | $(BUILD)
+	$(COMPILE) -c $< -o $@
+
 $(BUILD)/image.o: examples/common/image.c $(HEADERS) | $(BUILD)
 	$(COMPILE) -c $< -o $@
 
@@ -217,9 +220,9 @@ $(BUILD)/halftone: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(B
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c tests/inside.c \
 	    $(COMMON) -lm -o $@
 
-$(BUILD)/scene: bench/lights.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/lights.c bench/baselines.c tests/inside.c \
-	    $(COMMON) -lm -o $@
+$(BUILD)/scene: bench/lights.c bench/baselines.c examples/render/rivals.c $(COMMON) $(HEADERS) \
+                | $(BUILD)
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' $(filter %.c,$^) tests/inside.c -lm -o $@
 
 $(BUILD)/light_sets: bench/light_sets.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/light_sets.c tests/inside.c $(COMMON) -lm -o $@
@@ -251,6 +254,8 @@ $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/figures.c tests/inside.c $(COMMON) -lm -o $@
 
 $(BUILD)/test_fuzz.o: tests/fuzz.c
+
+$(BUILD)/test_rivals: $(BUILD)/rivals.o
 
 # It counts calls of functions, in a copy of the library that is its own.
 $(BUILD)/test_work.o: override CFLAGS += -finstrument-functions
