@@ -39,7 +39,7 @@ JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 # Compiled once: what examples link, what the demo and tests do, which read EXR files, and tests.
 OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o hdr.o maps.o picture.o)
 EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o hdr.o maps.o picture.o exr.o)
-TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o) $(EXR_OBJECTS)
+TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o) $(EXR_OBJECTS)
 
 .PHONY: help demo lights facing product test bench scale fuzz corpus mutants coverage figures \
         facing-table convergence halftone scene lamps coarse shapes builds targets least-squares \
