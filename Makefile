@@ -27,7 +27,7 @@ EMBREE       := $(firstword $(foreach version,3 4,$(if $(wildcard \
 RENDER_LIBS   = -l$(or $(EMBREE),embree3) $(EXR_LIBS) -pthread -lm
 RENDER_PARTS := scene shapes material environment inversion integrator lights upsample product tiles
 
-COMMON   := examples/common/image.c examples/common/maps.c
+COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
 EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr \
               $(if $(EMBREE),render render_unbiased))
 TIMED    := bench/baselines.c bench/input.c
@@ -45,10 +45,10 @@ ORDERED  := $(filter $(TESTS) $(SCRIPTS),$(LONGEST)) $(filter-out $(LONGEST),$(T
 JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 
 # Compiled once: what examples link, what the demo and tests do, which read EXR files, and tests.
-OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o maps.o picture.o)
-EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o maps.o picture.o exr.o)
+OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o hdr.o maps.o picture.o)
+EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o hdr.o maps.o picture.o exr.o)
 RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS)
-TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
+TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o) $(EXR_OBJECTS)
 
 .PHONY: help demo lights facing product render unbiased test bench scale fuzz corpus mutants \
         coverage figures facing-table convergence halftone scene lamps coarse shapes builds \
@@ -57,9 +57,9 @@ TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o) $(EXR_OBJECTS)
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
 
-# A real map needs the build that reads EXR, which needs libopenexr.
+# A map from a file takes the build that reads EXR too, which needs libopenexr.
 ifdef ENV
-demo: setup $(BUILD)/demo_exr  ## sample made-up maps and draw pictures; ENV=file.exr: that map
+demo: setup $(BUILD)/demo_exr  ## sample made-up maps and draw pictures; ENV=file: that map
 	$(BUILD)/demo_exr -o $(BUILD)/pictures $(ENV)
 else
 demo: $(BUILD)/demo
@@ -91,7 +91,7 @@ unbiased: setup  ## every sampling method of the renderer beside a reference, at
 	@$(MAKE) --no-print-directory $(BUILD)/render_unbiased
 	$(BUILD)/render_unbiased -t $(JOBS) 1024 64 48
 
-# MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.
+# MAP: sky, studio, constant, night, foliage, or an HDR or PFM file; enlarged to 2048.
 bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
 	$(BUILD)/bench $(MAP)
 	$(BUILD)/cold $(MAP)
@@ -218,10 +218,9 @@ $(BUILD)/demo_exr: examples/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS
 $(BUILD)/quickstart: examples/quickstart.c $(HEADERS) | $(BUILD)
 	$(COMPILE) $< -lm -o $@
 
-$(BUILD)/exr_to_pfm: examples/common/exr_to_pfm.c examples/common/image.c examples/common/exr.c \
-                     $(HEADERS) | $(BUILD)
-	$(COMPILE) $(EXR_CFLAGS) examples/common/exr_to_pfm.c examples/common/image.c \
-	    examples/common/exr.c $(EXR_LIBS) -lm -o $@
+$(BUILD)/exr_to_pfm: $(addprefix examples/common/, exr_to_pfm.c image.c hdr.c exr.c) $(HEADERS) \
+                     | $(BUILD)
+	$(COMPILE) $(EXR_CFLAGS) $(filter %.c,$^) $(EXR_LIBS) -lm -o $@
 
 $(BUILD)/bench: bench/bench.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/bench.c $(TIMED) $(COMMON) -lm -o $@
@@ -250,9 +249,9 @@ $(BUILD)/halftone: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(B
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c tests/inside.c \
 	    $(COMMON) -lm -o $@
 
-$(BUILD)/scene: bench/lights.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/lights.c bench/baselines.c tests/inside.c \
-	    $(COMMON) -lm -o $@
+$(BUILD)/scene: bench/lights.c bench/baselines.c examples/render/rivals.c $(COMMON) $(HEADERS) \
+                | $(BUILD)
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' $(filter %.c,$^) tests/inside.c -lm -o $@
 
 $(BUILD)/light_sets: bench/light_sets.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) bench/light_sets.c tests/inside.c $(COMMON) -lm -o $@
@@ -290,6 +289,8 @@ $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
 $(BUILD)/test_fuzz.o: tests/fuzz.c
 
 $(BUILD)/test_material: $(BUILD)/render_material.o
+
+$(BUILD)/test_rivals: $(BUILD)/render_rivals.o
 
 # It counts calls of functions, in a copy of the library that is its own.
 $(BUILD)/test_work.o: override CFLAGS += -finstrument-functions

@@ -28,8 +28,8 @@ static void print_help(void)
            "\n"
            "Times the samplers of envsamp.h beside other samplers.\n"
            "\n"
-           "  MAP              a lat-long map in a file, or a made-up one: sky, studio, constant,\n"
-           "                   night or foliage (sky)\n"
+           "  MAP              a lat-long map in an HDR or PFM file, or a made-up one: sky,\n"
+           "                   studio, constant, night or foliage (sky)\n"
            "  --block-count N  blocks of the kd-tree, 1 to %d (6144)\n"
            "  --width N        width that the map is made or enlarged to, 2 to %d (2048)\n"
            "  --help           this text\n",

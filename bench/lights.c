@@ -1,7 +1,8 @@
 /* lights.c: what a map as a few directional lights shows of a scene with shadows, beside all of its
- * light: every method, 16, 32 and 64 lights, map by map; and what making them takes.
+ * light: every method, and those of examples/render/rivals.h, 16, 32 and 64 lights, map by map; and
+ * what making them takes.
  *
- *     lights         tables on stdout, progress on stderr; a minute
+ *     lights         tables on stdout, progress on stderr; minutes
  *
  * The scene is that of light_scene.h. RMSE of luminance over its points, relative to their mean; of
  * what is drawn at random by the root of the mean square over 8 seeds.
@@ -10,6 +11,7 @@
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
+#include "../examples/render/rivals.h"
 #include "baselines.h"
 #include "light_scene.h"
 #include "map_set.h"
@@ -23,9 +25,10 @@
 
 static const int counts[K_COUNT] = { 16, 32, 64 };
 
-/* The methods, the best last, and behind them what is left of DECOMPOSED without parts of it. */
+/* The methods, the best last, behind them what is left of DECOMPOSED without parts of it, and the
+ * rivals that the library does not have. */
 enum { RANDOM, HALFTONE, MEDIAN_CUT, VARIANCE_CUT, DECOMPOSED, RELAXED, METHODS,
-       ABLATIONS = 5, WAYS = METHODS + ABLATIONS };
+       ABLATIONS = 5, RIVALS = METHODS + ABLATIONS, WAYS = RIVALS + RIVAL_COUNT };
 
 static const struct {
     const char *name;
@@ -44,7 +47,10 @@ static const struct {
     { "- with masking", ENVSAMP_LIGHTS_DECOMPOSED, 1, 1, 0, { 1.0f, 5.0f, 1.0f } },
     { "- with k-means", ENVSAMP_LIGHTS_DECOMPOSED, 1, 0, 1, { 1.0f, 5.0f, 1.0f } },
     { "decomposed, weights 1 0 0", ENVSAMP_LIGHTS_DECOMPOSED, 1, 1, 1, { 1.0f, 0.0f, 0.0f } },
-    { "decomposed, weights 0 1 2", ENVSAMP_LIGHTS_DECOMPOSED, 1, 1, 1, { 0.0f, 1.0f, 2.0f } }
+    { "decomposed, weights 0 1 2", ENVSAMP_LIGHTS_DECOMPOSED, 1, 1, 1, { 0.0f, 1.0f, 2.0f } },
+    { "structured importance sampling", ENVSAMP_LIGHTS_RANDOM, 0, 0, 0, { 0.0f, 0.0f, 0.0f } },
+    { "tone-mapped mean shift", ENVSAMP_LIGHTS_RANDOM, 0, 0, 0, { 0.0f, 0.0f, 0.0f } },
+    { "fast hierarchical sampling", ENVSAMP_LIGHTS_RANDOM, 1, 0, 0, { 0.0f, 0.0f, 0.0f } }
 };
 
 typedef struct subject {
@@ -84,7 +90,11 @@ static void subject_free(subject *s)
 static int make_lights(subject *s, int way, int count, uint32_t seed)
 {
     envsamp_lights_desc desc = envsamp_lights_defaults();
+    int made;
 
+    if (way >= RIVALS)
+        return rival_lights((rival)(way - RIVALS), &s->view, count, seed, s->lights, &made) ==
+               ENVSAMP_OK && made == count;
     desc.method = ways[way].method;
     desc.count = count;
     desc.seed = seed;

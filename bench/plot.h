@@ -4,7 +4,7 @@
  *     plot p = { "RMSE", "SAMPLES", 4.0, 11, series, 1 };
  *     plot_write(&p, "convergence.png", error, sizeof error);
  *
- * Two dashed guides show the slopes -1/2 and -1. Link image.c and picture.c.
+ * Two dashed guides show the slopes -1/2 and -1. Link image.c, hdr.c and picture.c.
  */
 #ifndef PLOT_H
 #define PLOT_H

@@ -723,8 +723,8 @@ static void print_help(void)
            "\n"
            "  huge             try all sizes, even where memory seems too small: 3 GB for the\n"
            "                   largest\n"
-           "  MAP              a lat-long map in a file, or a made-up one: sky, studio, constant,\n"
-           "                   night or foliage (sky)\n"
+           "  MAP              a lat-long map in an HDR or PFM file, or a made-up one: sky,\n"
+           "                   studio, constant, night or foliage (sky)\n"
            "  --block-count N  blocks of the kd-tree (6144)\n"
            "  --width N        of the map that is built in steps, made or enlarged to it (2048)\n"
            "  --help           this text\n");

@@ -633,8 +633,8 @@ static int help(void)
 {
     printf(USAGE
            "Samples a lat-long environment map, prints what each sampler costs, and draws\n"
-           "pictures into FOLDER (default: build/pictures). FILE is a PFM or, in a build with\n"
-           "OpenEXR, an EXR. Without FILE: three made-up maps.\n");
+           "pictures into FOLDER (default: build/pictures). FILE is an HDR, a PFM or, in a\n"
+           "build with OpenEXR, an EXR. Without FILE: three made-up maps.\n");
     return EXIT_SUCCESS;
 }
 

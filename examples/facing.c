@@ -3,8 +3,8 @@
  *
  *     facing [-q] [-o FOLDER] [MAP]
  *
- * MAP is a lat-long PFM file or a name of maps.h; the default is studio. All is diffuse, but one
- * sphere has a wide glossy lobe. The point of every pixel is lit by 4, 16 and 64 samples:
+ * MAP is a lat-long HDR or PFM file or a name of maps.h; the default is studio. All is diffuse,
+ * but one sphere has a wide glossy lobe. The point of every pixel is lit by 4, 16 and 64 samples:
  *
  *     LIGHT          from the light: envsamp_kd_sample
  *     LIGHT, MIS     half of them so, half from the BSDF, weighed by the power heuristic

@@ -2,7 +2,7 @@
  *
  *     lights [-o FOLDER] [-k COUNT] [MAP]
  *
- * MAP is a PFM file or the name of a made-up map (see maps.h), without one: sky and studio. Prints
+ * MAP is an HDR or PFM file or the name of a made-up map (see maps.h); without: sky, studio. Prints
  * how far the irradiance of each set of lights is off, and draws it into FOLDER/lights_MAP.png
  * (default: build/pictures): every light as a circle of its energy on the map, and a diffuse and a
  * glossy sphere in their light. No packages are needed.

@@ -3,8 +3,8 @@
  *
  *     product [-q] [-o FOLDER] [MAP]
  *
- * MAP is a lat-long PFM file or a name of maps.h; the default is sky, whose sun fills 14 of 65536
- * texels with 84 % of the light: what the BRDF hardly ever hits, of another colour than the rest.
+ * MAP is a lat-long HDR or PFM file or a name of maps.h; the default is sky, whose sun fills 14 of
+ * 65536 texels with 84 % of the light: what BRDFs hardly ever hit, of another colour than the rest.
  * Prints errors, biases and times, and draws FOLDER/product.png (build/pictures). -q is a test: a
  * small picture without the file, and status 1 unless, where nothing is in the way of the light,
  * halftoned samples have at most a third of the error of BRDF sampling, half of that of resampling.
@@ -713,7 +713,7 @@ static int draw(const trial *t, shading *s, picture *out)
 
 /* ---- the program ----------------------------------------------------------------------------- */
 
-#define USAGE "usage: product [-q] [-o FOLDER] [MAP.pfm or sky, studio, night, foliage]\n"
+#define USAGE "usage: product [-q] [-o FOLDER] [MAP.hdr, MAP.pfm or sky, studio, night, foliage]\n"
 
 typedef struct options { const char *folder, *map; int quick; } options;
 

@@ -36,9 +36,10 @@ my $work       = 'build/mutants';
 my $compiler   = $ENV{CC} || 'cc';
 my $flags      = '-std=c99 -O1 -w -I. -Iexamples/common';
 my @files      = (qw(envsamp.h README.md examples/quickstart.c), glob('tests/{,portability/}*.{c,h,sh}'),
-                  glob('examples/common/*.{c,h}'), glob('bench/*.h'));
+                  glob('examples/{common,render}/*.{c,h}'), glob('bench/*.h'));
 my @aids       = (map({ "tests/$_.c" } qw(envsamp inside statistics)),    # linked to each test
-                  map { "examples/common/$_.c" } qw(image maps));
+                  map({ "examples/common/$_.c" } qw(image hdr maps errors filtered)),
+                  'examples/render/rivals.c');
 my $library    = 'tests/envsamp.c';        # the header alone
 my %extra      = (test_work => '-finstrument-functions');
 my $own        = qr/^#define ENVSAMP_IMPLEMENTATION/m;  # in sources that a fault changes

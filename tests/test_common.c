@@ -518,6 +518,25 @@ static void check_pfm(const char *header, int big, double factor)
     remove(path);
 }
 
+/* 2 x 3 texels, the file's first row the image's last. */
+static void check_grey_pfm(const char *header, int big, double factor)
+{
+    static const double expected[6] = {5, 6, 3, 4, 1, 2};
+    const char *path = scratch("pfm");
+    unsigned char bytes[128];
+    image map;
+    int i, wrong = 0, done;
+
+    write_bytes(path, bytes, make_pfm(bytes, header, big));
+    done = image_read(path, &map, error_line, sizeof error_line);
+    for (i = 0; done && i < 18; i++)
+        wrong += (double)map.rgb[i] != expected[i / 3] * factor;
+    CHECK(done && wrong == 0 && map.width == 2 && map.height == 3,
+          "grey PFM, %s-endian, scale %g: %d wrong", big ? "big" : "little", factor, wrong);
+    image_free(&map);
+    remove(path);
+}
+
 static void check_bad_file(const char *title, const void *bytes, size_t count, const char *reason)
 {
     const char *path = scratch("bad");
@@ -550,8 +569,9 @@ static void test_bad_files(void)
     check_bad_pfm("one byte short", "PF\n1 2\n-1.0\n", -1, "holds 23 bytes");
     check_bad_pfm("one byte long", "PF\n1 2\n-1.0\n", 1, "holds 25 bytes");
     check_bad_pfm("carriage return", "PF\n1 2\n-1.0\r\n", 0, "holds 25 bytes");
-    check_bad_pfm("grey", "Pf\n1 2\n-1.0\n", 0, "neither");
-    check_bad_pfm("other magic", "PF4\n1 2\n-1.0\n", 0, "not a colour PFM");
+    check_bad_pfm("grey, of colour's length", "Pf\n1 2\n-1.0\n", 0, "need 8");
+    check_bad_pfm("grey, short", "Pf\n1 6\n-1.0\n", -1, "holds 23 bytes");
+    check_bad_pfm("other magic", "PF4\n1 2\n-1.0\n", 0, "not a PFM");
     check_bad_pfm("no width", "PF\n0 2\n-1.0\n", 0, "0 x 2");
     check_bad_pfm("negative width", "PF\n-1 -2\n-1.0\n", 0, "-1 x -2");
     check_bad_pfm("absurd size", "PF\n60000 60000\n-1.0\n", 0, "60000 x 60000");
@@ -1630,6 +1650,8 @@ int main(int argument_count, char **arguments)
     check_pfm("PF\n1 2\n-1.0\n", 0, 1.0);
     check_pfm("PF\n1 2\n1.0\n", 1, 1.0);
     check_pfm("PF 1 2 -0.5\n", 0, 0.5);
+    check_grey_pfm("Pf\n2 3\n-1.0\n", 0, 1.0);
+    check_grey_pfm("Pf\n2 3\n4.0\n", 1, 4.0);
     test_bad_files();
     test_exr();
     test_pcg32();

@@ -443,8 +443,9 @@ quickstart_runs()
 placement_runs()
 {
     $cc -std=c99 -O2 $strict_c -DENVSAMP_IMPLEMENTED "$root/examples/placement.c" \
-        "$root/examples/common/image.c" "$root/examples/common/maps.c" "$work/implementation.o" -lm \
-        -o "$work/placement" && "$work/placement"
+        "$root/examples/common/image.c" "$root/examples/common/hdr.c" \
+        "$root/examples/common/maps.c" "$work/implementation.o" -lm -o "$work/placement" &&
+        "$work/placement"
 }
 
 check "examples/quickstart.c is there" test -f "$root/examples/quickstart.c"

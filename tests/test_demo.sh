@@ -28,6 +28,11 @@ pfm() {  # width height byte: a PFM of one byte repeated
     head -c $((12 * $1 * $2)) /dev/zero | tr '\000' "$3"
 }
 
+hdr() {  # width height: a flat Radiance file of texels whose four bytes are the letter p
+    printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n' "$2" "$1"
+    head -c $((4 * $1 * $2)) /dev/zero | tr '\000' p
+}
+
 rejects "$tmp/missing.exr" "a missing file"
 : >"$tmp/empty.exr"
 rejects "$tmp/empty.exr" "an empty file"
@@ -39,6 +44,11 @@ pfm 8 8 '\077' >"$tmp/square.pfm"
 rejects "$tmp/square.pfm" "not 2:1"
 pfm 16 8 '\077' | head -c 300 >"$tmp/short.pfm"
 rejects "$tmp/short.pfm" "a truncated PFM"
+hdr 16 8 | head -c 300 >"$tmp/short.hdr"
+rejects "$tmp/short.hdr" "a truncated HDR"
+cp examples/pictures/sky_mis.png "$tmp/picture.hdr"
+rejects "$tmp/picture.hdr" "a PNG"
+rejects "$tmp" "a folder"
 pfm 16 8 '\000' >"$tmp/black.pfm"
 rejects "$tmp/black.pfm" "a black map"
 for exr in data/*.exr; do
@@ -51,8 +61,8 @@ for exr in data/*.exr; do
     fi
     break
 done
-pfm 32 16 '\077' >"$tmp/grey.pfm"
-"$demo" -o "$tmp/out" "$tmp/grey.pfm" >"$tmp/stdout" 2>"$tmp/stderr"
+hdr 32 16 >"$tmp/grey.hdr"
+"$demo" -o "$tmp/out" "$tmp/grey.hdr" >"$tmp/stdout" 2>"$tmp/stderr"
 report $? "a small map is drawn"
 pictures=$(find "$tmp/out" -name '*.png' 2>/dev/null | wc -l)
 [ "$pictures" = 4 ]

@@ -1,15 +1,18 @@
 #!/bin/sh
 # The tests that damage tables and feed bad input once more, under the address and undefined
 # behaviour sanitizers: reads outside a table that happen to be harmless fail here. Those
-# of halftones and lights without the real maps, which are not where they run. It is the library
-# that is watched, so that alone is compiled for them, once; the tests run at their usual speed.
+# of halftones and lights without the real maps, which are not where they run. It is the library,
+# and what the examples share, that is watched, so that alone is compiled for them, once; the tests
+# run at their usual speed.
 cd "$(dirname "$0")/.." || exit 1
 cc=${CC:-cc}
 tmp=$(mktemp -d) || exit 1
+mkdir "$tmp/build"                          # for scratch files
 trap 'rm -rf "$tmp"' EXIT
 kinds=address,undefined,float-divide-by-zero,float-cast-overflow
 subjects="kd_faults kd_table kd_layout kd_warp kd_facing kd_target cdf lm halftone lights
-          lights_cuts lights_decomposed fuzz"
+          lights_cuts lights_decomposed fuzz errors hdr filtered"
+common=examples/common
 count=0
 
 printf 'int main(void) { return 0; }\n' >"$tmp/probe.c"
@@ -34,13 +37,14 @@ compile() {
 watch="-fsanitize=$kinds -fno-sanitize-recover=all"
 if [ $able = 1 ]; then
     compile "-O2 $watch" tests/envsamp.c
-    compile "-O1 $watch" tests/inside.c
-    compile -O2 tests/statistics.c examples/common/image.c examples/common/maps.c
+    compile "-O1 $watch" tests/inside.c $common/errors.c $common/image.c $common/hdr.c \
+            $common/filtered.c
+    compile -O2 tests/statistics.c $common/maps.c
 fi
 for subject in $subjects; do
     count=$((count + 1))
     case $subject in kd_warp | kd_facing | cdf | halftone | lights_cuts) quick=quick ;; *) quick= ;; esac
-    case $subject in halftone | lights*) folder=$tmp ;; *) folder=. ;; esac
+    case $subject in halftone | lights* | hdr) folder=$tmp ;; *) folder=. ;; esac
     if [ $able = 0 ]; then
         echo "ok $count # SKIP $subject: $cc has no address sanitizer here"
     elif $cc -std=c99 -O2 -g -I. -Iexamples/common -c "tests/test_$subject.c" -o "$tmp/subject.o" \

@@ -3,7 +3,6 @@
 
 #include <ImfCRgbaFile.h>
 
-#include <errno.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -65,13 +64,13 @@ static int read_window(ImfInputFile *file, const char *path, image *out,
 int exr_read(const char *path, image *out, char *error, size_t error_size)
 {
     ImfInputFile *file;
-    FILE *stream = fopen(path, "rb");
+    FILE *stream = image_open(path, error, error_size);
     int done;
 
     memset(out, 0, sizeof *out);
     /* Opened first here, because the system's reason is clearer than the library's. */
     if (!stream)
-        return image_fail(error, error_size, path, "cannot be opened: %s", strerror(errno));
+        return 0;
     fclose(stream);
     file = ImfOpenInputFile(path);
     if (!file)

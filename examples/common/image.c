@@ -1,6 +1,7 @@
 /* image.c: memory, PFM and PNG for image.h; PNG through a deflate encoder of its own. */
 #include "image.h"
 
+#include "hdr.h"
 #ifdef HAVE_OPENEXR
 #include "exr.h"
 #endif
@@ -13,6 +14,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+
+#ifndef S_ISREG /* Windows */
+#define S_ISREG(mode) (((mode) & _S_IFMT) == _S_IFREG)
+#define S_ISDIR(mode) (((mode) & _S_IFMT) == _S_IFDIR)
+#endif
 
 /* ---- memory and errors ---- */
 
@@ -66,7 +73,7 @@ int image_fail(char *error, size_t error_size, const char *path, const char *for
     vsnprintf(error + used, error_size - used, format, arguments);
     va_end(arguments);
     for (; *error; error++)
-        if (*error == '\n' || *error == '\r')
+        if ((*error >= 0 && *error < ' ') || *error == 127)
             *error = ' ';
     return 0;
 }
@@ -92,6 +99,65 @@ int image_publish(const char *temporary, const char *path, char *error, size_t e
     reason = errno;
     remove(temporary);
     return image_fail(error, error_size, path, "cannot be put in place: %s", strerror(reason));
+}
+
+/* A folder, or something that one may wait for forever; it is checked before it is opened. */
+static const char *no_file(const char *path)
+{
+    struct stat status;
+
+    if (stat(path, &status) != 0 || S_ISREG(status.st_mode))
+        return NULL;
+    return S_ISDIR(status.st_mode) ? "it is a folder" : "it is a pipe or a device, not a file";
+}
+
+FILE *image_open(const char *path, char *error, size_t error_size)
+{
+    const char *reason = no_file(path);
+    FILE *stream = reason ? NULL : fopen(path, "rb");
+
+    if (reason)
+        image_fail(error, error_size, path, "cannot be read: %s", reason);
+    else if (!stream)
+        image_fail(error, error_size, path, "cannot be opened: %s", strerror(errno));
+    return stream;
+}
+
+/* Bytes from here to the end, or -1 where the stream cannot tell. */
+static long bytes_left(FILE *stream)
+{
+    long here = ftell(stream), end;
+
+    if (here < 0 || fseek(stream, 0, SEEK_END) != 0)
+        return -1;
+    end = ftell(stream);
+    if (end < 0 || fseek(stream, here, SEEK_SET) != 0)
+        return -1;
+    return end - here;
+}
+
+unsigned char *image_read_bytes(const char *path, size_t *count, char *error, size_t error_size)
+{
+    FILE *stream = image_open(path, error, error_size);
+    unsigned char *bytes = NULL;
+    long size;
+
+    *count = 0;
+    if (!stream)
+        return NULL;
+    size = bytes_left(stream);
+    if (size >= 0)
+        bytes = (unsigned char *)malloc((size_t)size + 1);
+    if (bytes)
+        *count = fread(bytes, 1, (size_t)size, stream);
+    if (!bytes || *count != (size_t)size) {
+        image_fail(error, error_size, path, size >= 0 && !bytes ? "does not fit in memory"
+                                                                : "cannot be read in full");
+        free(bytes);
+        bytes = NULL;
+    }
+    fclose(stream);
+    return bytes;
 }
 
 /* A file under its temporary name; file_close publishes it or leaves nothing. */
@@ -184,30 +250,26 @@ static int read_scale(FILE *stream, float *scale)
     return *end == '\0' && isfinite(*scale) && *scale != 0.0f;
 }
 
-/* Bytes from here to the end, or -1 where the stream cannot tell. */
-static long bytes_left(FILE *stream)
+/* From a grey in the last third of the row to three channels of it. */
+static void spread_greys(float *values, size_t width)
 {
-    long here = ftell(stream), end;
+    size_t i;
 
-    if (here < 0 || fseek(stream, 0, SEEK_END) != 0)
-        return -1;
-    end = ftell(stream);
-    if (end < 0 || fseek(stream, here, SEEK_SET) != 0)
-        return -1;
-    return end - here;
+    for (i = 0; i < width; i++)
+        values[3 * i] = values[3 * i + 1] = values[3 * i + 2] = values[2 * width + i];
 }
 
 /* The rows of a PFM run from the bottom of the picture to its top. */
-static int read_rows(FILE *stream, image *map, float scale)
+static int read_rows(FILE *stream, image *map, float scale, int grey)
 {
-    const size_t row_count = 3 * (size_t)map->width;
+    const size_t width = (size_t)map->width, row_count = (grey ? 1 : 3) * width;
     const int swap = (scale < 0.0f) != host_is_little_endian();
     const float factor = fabsf(scale);
     size_t i;
     int row;
 
     for (row = map->height - 1; row >= 0; row--) {
-        float *values = map->rgb + row_count * (size_t)row;
+        float *values = map->rgb + 3 * width * (size_t)row + (grey ? 2 * width : 0);
         if (fread(values, sizeof(float), row_count, stream) != row_count)
             return 0;
         if (swap)
@@ -215,6 +277,8 @@ static int read_rows(FILE *stream, image *map, float scale)
         if (factor != 1.0f)
             for (i = 0; i < row_count; i++)
                 values[i] *= factor;
+        if (grey)
+            spread_greys(values - 2 * width, width);
     }
     return 1;
 }
@@ -222,13 +286,16 @@ static int read_rows(FILE *stream, image *map, float scale)
 static int read_pfm_stream(FILE *stream, const char *path, image *out,
                            char *error, size_t error_size)
 {
-    char magic[4];
+    char magic[4] = "";
     long width, height, left;
     long long need;
     float scale;
+    int grey;
 
-    if (!read_word(stream, magic, sizeof magic) || strcmp(magic, "PF") != 0)
-        return image_fail(error, error_size, path, "is not a colour PFM file");
+    if (!read_word(stream, magic, sizeof magic) ||
+        (strcmp(magic, "PF") != 0 && strcmp(magic, "Pf") != 0))
+        return image_fail(error, error_size, path, "is not a PFM file");
+    grey = magic[1] == 'f';
     if (!read_side(stream, &width) || !read_side(stream, &height))
         return image_fail(error, error_size, path, "has no readable size in its PFM header");
     if (!read_scale(stream, &scale))
@@ -238,13 +305,13 @@ static int read_pfm_stream(FILE *stream, const char *path, image *out,
                           "outside what can be read", width, height);
     /* A wrong length is a truncated file, or texels that do not start where they should. */
     left = bytes_left(stream);
-    need = 12LL * width * height;
+    need = (grey ? 4LL : 12LL) * width * height;
     if (left != need)
         return image_fail(error, error_size, path, "holds %ld bytes of texels where %ld x %ld "
                           "need %lld", left, width, height, need);
     if (!image_alloc(out, (int)width, (int)height))
         return image_fail(error, error_size, path, "does not fit in memory");
-    if (read_rows(stream, out, scale))
+    if (read_rows(stream, out, scale, grey))
         return 1;
     image_free(out);
     return image_fail(error, error_size, path, "cannot be read in full");
@@ -252,12 +319,12 @@ static int read_pfm_stream(FILE *stream, const char *path, image *out,
 
 int image_read_pfm(const char *path, image *out, char *error, size_t error_size)
 {
-    FILE *stream = fopen(path, "rb");
+    FILE *stream = image_open(path, error, error_size);
     int done;
 
     memset(out, 0, sizeof *out);
     if (!stream)
-        return image_fail(error, error_size, path, "cannot be opened: %s", strerror(errno));
+        return 0;
     done = read_pfm_stream(stream, path, out, error, error_size);
     fclose(stream);
     return done;
@@ -293,30 +360,67 @@ static int read_exr_file(const char *path, image *out, char *error, size_t error
 #endif
 }
 
+/* Files of other kinds, and what makes one that is read of them. */
+#define CONVERTS "which is not read; oiiotool IN -o OUT.hdr converts it"
+#define DECODES  "which is not read, and seldom holds radiance; " \
+                 "oiiotool IN --tocolorspace linear -o OUT.hdr converts it"
+#define UNPACKS  "which has to be unpacked first"
+
+static const struct { size_t at, length; const char *magic, *name, *advice; } other_kinds[] = {
+    { 0, 4, "\x89PNG", "a PNG", DECODES }, { 0, 3, "\xff\xd8\xff", "a JPEG", DECODES },
+    { 0, 4, "GIF8", "a GIF", DECODES }, { 0, 2, "BM", "a BMP", DECODES },
+    { 8, 4, "WEBP", "a WebP", DECODES }, { 4, 8, "ftypavif", "an AVIF", DECODES },
+    { 4, 7, "ftyphei", "a HEIF", DECODES }, { 4, 4, "JXL ", "a JPEG XL", DECODES },
+    { 0, 2, "\xff\x0a", "a JPEG XL", DECODES }, { 4, 4, "jP  ", "a JPEG 2000", DECODES },
+    { 0, 2, "P5", "a PGM", DECODES }, { 0, 2, "P6", "a PPM", DECODES },
+    { 0, 4, "II*\0", "a TIFF", CONVERTS }, { 0, 4, "MM\0*", "a TIFF", CONVERTS },
+    { 0, 3, "II+", "a TIFF", CONVERTS }, { 0, 3, "II\xbc", "a JPEG XR", CONVERTS },
+    { 0, 4, "DDS ", "a DDS", CONVERTS }, { 1, 3, "KTX", "a KTX", CONVERTS },
+    { 0, 4, "8BPS", "a Photoshop", CONVERTS }, { 0, 4, "SDPX", "a DPX", CONVERTS },
+    { 0, 4, "PK\x03\x04", "a ZIP", UNPACKS }, { 0, 2, "\x1f\x8b", "a gzip", UNPACKS },
+    { 0, 4, "7z\xbc\xaf", "a 7-Zip", UNPACKS }, { 0, 4, "Rar!", "a RAR", UNPACKS }
+};
+
+static int fail_kind(const unsigned char *start, size_t count, const char *path,
+                     char *error, size_t error_size)
+{
+    size_t i;
+
+    for (i = 0; i < sizeof other_kinds / sizeof other_kinds[0]; i++) {
+        const size_t at = other_kinds[i].at, length = other_kinds[i].length;
+        if (at + length <= count && memcmp(start + at, other_kinds[i].magic, length) == 0)
+            return image_fail(error, error_size, path, "is %s file, %s", other_kinds[i].name,
+                              other_kinds[i].advice);
+    }
+    return image_fail(error, error_size, path, "is neither an EXR, a Radiance HDR nor a PFM file");
+}
+
 int image_read(const char *path, image *out, char *error, size_t error_size)
 {
     static const unsigned char exr_magic[4] = {0x76, 0x2f, 0x31, 0x01};
-    unsigned char magic[4] = {0, 0, 0, 0};
-    FILE *stream = fopen(path, "rb");
+    unsigned char start[16] = {0};
+    FILE *stream = image_open(path, error, error_size);
     size_t count;
     int reason;
 
     memset(out, 0, sizeof *out);
     if (!stream)
-        return image_fail(error, error_size, path, "cannot be opened: %s", strerror(errno));
+        return 0;
     errno = 0;
-    count = fread(magic, 1, sizeof magic, stream);
+    count = fread(start, 1, sizeof start, stream);
     reason = ferror(stream) ? errno : 0;
     fclose(stream);
     if (reason)
         return image_fail(error, error_size, path, "cannot be read: %s", strerror(reason));
     if (count == 0)
         return image_fail(error, error_size, path, "is empty");
-    if (memcmp(magic, exr_magic, sizeof magic) == 0)
+    if (memcmp(start, exr_magic, sizeof exr_magic) == 0)
         return read_exr_file(path, out, error, error_size);
-    if (magic[0] == 'P' && magic[1] == 'F')
+    if (start[0] == '#' && start[1] == '?')
+        return hdr_read(path, out, error, error_size);
+    if (start[0] == 'P' && (start[1] == 'F' || start[1] == 'f'))
         return image_read_pfm(path, out, error, error_size);
-    return image_fail(error, error_size, path, "is neither an EXR nor a colour PFM file");
+    return fail_kind(start, count, path, error, error_size);
 }
 
 /* ---- tone mapping ---- */

@@ -1,4 +1,4 @@
-/* image.h: float RGB images in memory, read from PFM and EXR files, written as PFM and PNG.
+/* image.h: float RGB images in memory, read from HDR, EXR and PFM files, written as PFM and PNG.
  *
  *     image map;
  *     char error[256];
@@ -8,12 +8,13 @@
  *
  * Every function that returns int gives 1 on success and 0 on failure. A failure puts one line,
  * "path: reason", in `error` (error_size bytes, may be NULL), owns nothing and leaves no file.
- * Link image.c and -lm. EXR files need -DHAVE_OPENEXR, exr.c and the OpenEXR library.
+ * Link image.c, hdr.c and -lm. EXR files need -DHAVE_OPENEXR, exr.c and the OpenEXR library.
  */
 #ifndef IMAGE_H
 #define IMAGE_H
 
 #include <stddef.h>
+#include <stdio.h>
 
 #define IMAGE_SIDE_MAX 65536
 #define IMAGE_TEXELS_MAX (1L << 28)
@@ -33,10 +34,11 @@ void image_free(image *map);
 /* What is no radiance becomes 0, channel by channel: negative, infinite, NaN. */
 void image_clean(image *map);
 
-/* Reads a PFM or an EXR file, told apart by its first bytes, not by its name. */
+/* Reads a Radiance HDR, an EXR or a PFM file, told apart by its first bytes, not by its name. Of
+ * a PNG, TIFF or other well-known kind the error says what it is, and what converts it. */
 int image_read(const char *path, image *out, char *error, size_t error_size);
 
-/* Colour PFM of either byte order. Texels are multiplied by the size of the header's scale. */
+/* Colour or grey PFM of either byte order, times the size of the header's scale. */
 int image_read_pfm(const char *path, image *out, char *error, size_t error_size);
 
 /* Colour PFM in the byte order of this machine; reads back bit for bit. */
@@ -61,6 +63,12 @@ int image_size_valid(long long width, long long height);
 __attribute__((format(printf, 4, 5)))
 #endif
 int image_fail(char *error, size_t error_size, const char *path, const char *format, ...);
+
+/* Opens a file to be read; NULL, with the error, also for a folder, a pipe or a device. */
+FILE *image_open(const char *path, char *error, size_t error_size);
+
+/* All bytes of a file, to be freed; NULL with the error. */
+unsigned char *image_read_bytes(const char *path, size_t *count, char *error, size_t error_size);
 
 /* Files are written under a temporary name beside `path`, and renamed once complete. */
 int image_temporary_path(const char *path, char temporary[IMAGE_PATH_MAX],

@@ -7,7 +7,7 @@
  *     }
  *     picture_free(&canvas);
  *
- * Link image.c and -lm. What falls outside of a picture is not drawn.
+ * Link image.c, hdr.c and -lm. What falls outside of a picture is not drawn.
  */
 #ifndef PICTURE_H
 #define PICTURE_H
