@@ -50,7 +50,7 @@ EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o hdr.o maps.o picture
 RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o) $(EXR_OBJECTS)
 
-.PHONY: help demo lights facing product render unbiased test bench scale fuzz corpus mutants \
+.PHONY: help demo lights facing product render unbiased tables test bench scale fuzz corpus mutants \
         coverage figures facing-table convergence halftone scene lamps coarse shapes builds \
         targets importance least-squares again portability portability-setup data setup clean
 
@@ -90,6 +90,11 @@ render: setup  ## a scene lit by a map through Embree, and its picture; RENDER="
 unbiased: setup  ## every sampling method of the renderer beside a reference, at 1024 samples
 	@$(MAKE) --no-print-directory $(BUILD)/render_unbiased
 	$(BUILD)/render_unbiased -t $(JOBS) 1024 64 48
+
+# TABLES="samplers calls": only these. What is done is kept; an hour and a half on two cores.
+tables: setup  ## all samplers and lights in the renderer, over the real maps: bench/results
+	@$(MAKE) --no-print-directory $(BUILD)/render_tables
+	$(BUILD)/render_tables -t $(JOBS) $(TABLES)
 
 # MAP: sky, studio, constant, night, foliage, or an HDR or PFM file; enlarged to 2048.
 bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
@@ -196,6 +201,13 @@ $(BUILD)/render: examples/render/render.c $(RENDER_OBJECTS) $(HEADERS)
 
 $(BUILD)/render_unbiased: $(BUILD)/render_unbiased.o $(RENDER_OBJECTS)
 	$(CC) $(CFLAGS) $^ $(RENDER_LIBS) -o $@
+
+TABLE_FLAGS   = -DBENCH_FLAGS='"$(CFLAGS)"' -DBENCH_COMMIT='"$(shell git describe --always --dirty \
+                  2>/dev/null || echo unknown)"'
+TABLE_SOURCES = $(addprefix bench/, render_tables.c render_report.c stage.c cells.c)
+TABLE_OBJECTS = $(addprefix $(BUILD)/, render_rivals.o errors.o) $(RENDER_OBJECTS)
+$(BUILD)/render_tables: $(TABLE_SOURCES) $(TABLE_OBJECTS) $(HEADERS)
+	$(COMPILE) $(TABLE_FLAGS) $(TABLE_SOURCES) $(TABLE_OBJECTS) $(RENDER_LIBS) -o $@
 
 $(BUILD)/image.o: examples/common/image.c $(HEADERS) | $(BUILD)
 	$(COMPILE) -c $< -o $@
