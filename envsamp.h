@@ -144,6 +144,10 @@
  *   needs -fexcess-precision=fast for that, 32-bit x86 -msse2 -mfpmath=sse.
  *
  * CONFIGURATION, by macros defined before the include
+ *   ENVSAMP_ALLOC            envsamp_kd_new and _free, envsamp_cdf_new and _free, by ENVSAMP_MALLOC
+ *                            and ENVSAMP_FREE, default malloc and free. All else allocates nothing
+ *   ENVSAMP_NO_LIGHTS        without lights and halftones, ENVSAMP_NO_CDF without cdf,
+ *                            ENVSAMP_NO_FIT without KD_FIT, which is then refused, and lm
  *   ENVSAMP_IMPLEMENTATION   in one file: compile the functions
  *   ENVSAMP_STATIC           with it, before the first include: functions are static, for that file
  *                            alone
@@ -376,6 +380,15 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build_rows(const envsamp_image *image, env
                                                  envsamp_buffer table, envsamp_buffer scratch,
                                                  const envsamp_kd **kd);
 
+#ifdef ENVSAMP_ALLOC
+/* The build into memory of its own, to be freed by _free; NULL after a failure. *result, which may
+   be NULL, becomes what _build would return. In C++, for std::unique_ptr<envsamp_kd, kd_free>:
+   struct kd_free { void operator()(envsamp_kd *kd) const { envsamp_kd_free(kd); } }; */
+ENVSAMP_DEF envsamp_kd *envsamp_kd_new(const envsamp_image *image, const envsamp_kd_desc *desc,
+                                       envsamp_result *result);
+ENVSAMP_DEF void envsamp_kd_free(envsamp_kd *kd);
+#endif
+
 /* The same build in steps, to spread it over frames.
  * _begin: as _build; `fn` gives the rows, and gets `user`; if it is NULL, image->pixels do. *job
  *   lies in scratch, and is NULL after a failure.
@@ -495,6 +508,8 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_
 ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number,
                                                 envsamp_kd_block *block);
 
+#ifndef ENVSAMP_NO_CDF
+
 /* ---- cdf: inversion over texels ------------------------------------------------------------ */
 
 /* The map at full resolution, at some 4.5 bytes a texel where kd needs 100 to 400 KB in all. With
@@ -532,6 +547,13 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_build_rows(const envsamp_image *image, en
                                                   void *user, const envsamp_cdf_desc *desc,
                                                   envsamp_buffer table, envsamp_buffer scratch,
                                                   const envsamp_cdf **cdf);
+
+#ifdef ENVSAMP_ALLOC
+/* As envsamp_kd_new and envsamp_kd_free. */
+ENVSAMP_DEF envsamp_cdf *envsamp_cdf_new(const envsamp_image *image, const envsamp_cdf_desc *desc,
+                                         envsamp_result *result);
+ENVSAMP_DEF void envsamp_cdf_free(envsamp_cdf *cdf);
+#endif
 
 /* The same build in steps, of rows of texels: as envsamp_kd_begin, _step and _finish. A row of 2048
    texels takes 30 microseconds. */
@@ -583,6 +605,10 @@ typedef struct envsamp_cdf_info {
 
 /* Facts about a table. Returns ENVSAMP_ERR_NULL. */
 ENVSAMP_DEF envsamp_result envsamp_cdf_get_info(const envsamp_cdf *cdf, envsamp_cdf_info *info);
+
+#endif  /* ENVSAMP_NO_CDF */
+
+#ifndef ENVSAMP_NO_LIGHTS
 
 /* ---- halftone: error diffusion over any importance map -------------------------------------- */
 
@@ -768,6 +794,10 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
                                                  const envsamp_lights_desc *desc, uint8_t *mask,
                                                  envsamp_buffer scratch, float *threshold);
 
+#endif  /* ENVSAMP_NO_LIGHTS */
+
+#ifndef ENVSAMP_NO_FIT
+
 /* ---- lm: nonlinear least squares ----------------------------------------------------------- */
 
 /* Residuals of a model: write `residual_count` values at `params`, whose pointer is not to be kept.
@@ -816,6 +846,8 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
                                       double *params, envsamp_buffer scratch,
                                       envsamp_lm_info *info);
 
+#endif  /* ENVSAMP_NO_FIT */
+
 #ifdef __cplusplus
 }
 #endif
@@ -838,6 +870,11 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 #include <float.h>
 #include <limits.h>
 
+#if defined(ENVSAMP_ALLOC) && !defined(ENVSAMP_MALLOC)
+#include <stdlib.h>
+#define ENVSAMP_MALLOC(bytes) malloc(bytes)
+#define ENVSAMP_FREE(block) free(block)
+#endif
 #if !defined(ENVSAMP_MEMCPY) || !defined(ENVSAMP_MEMSET) || !defined(ENVSAMP_MEMCMP)
 #include <string.h>
 #endif
@@ -1222,18 +1259,6 @@ ENVSAMP__HOT void envsamp__sqrt_n(float *x, int n)
 #endif
     for (; i < n; i++)
         x[i] = ENVSAMP_SQRTF(x[i]);
-}
-
-static inline void envsamp__sqrt_double_n(double *x, int n)
-{
-    int i = 0;
-
-#ifdef ENVSAMP__SSE
-    for (; i + 2 <= n; i += 2)
-        _mm_storeu_pd(x + i, _mm_sqrt_pd(_mm_loadu_pd(x + i)));
-#endif
-    for (; i < n; i++)
-        x[i] = ENVSAMP_SQRT(x[i]);
 }
 
 #if defined(__GNUC__) && defined(ENVSAMP__HOST_ONLY)
@@ -3456,7 +3481,14 @@ static int envsamp__crown_step(envsamp__tree *tree)
  * that: p varies inside a bin, 100-fold in the first at alpha = 0.01.
  * ========================================================================================== */
 
+#ifdef ENVSAMP_NO_FIT
+#define ENVSAMP__KD_SELECT_MAX ENVSAMP_KD_ALIAS
+#else
+#define ENVSAMP__KD_SELECT_MAX ENVSAMP_KD_FIT
+#endif
 #define ENVSAMP__LOG2_ALPHA_MIN (-24.0)     /* the first block takes nearly all */
+#define ENVSAMP__BETA_MIN (-4.0)
+#define ENVSAMP__BETA_MAX 8.0
 #define ENVSAMP__FIT_STARTS 4               /* local minima of the scan that are polished */
 
 typedef struct envsamp__fit {
@@ -3499,8 +3531,7 @@ ENVSAMP__MATH double envsamp__model_log_ratio(double gamma, double g)
     return gamma == 0.0 ? g : envsamp__log2(1.0 + gamma * g) / gamma;
 }
 
-#define ENVSAMP__BETA_MIN (-4.0)
-#define ENVSAMP__BETA_MAX 8.0
+#ifndef ENVSAMP_NO_FIT
 
 /* The objective at parameters (log2 alpha, beta), with its residuals unless those are NULL. DBL_MAX
    where the model does not compute: alpha = 1000 n is flat. */
@@ -3667,6 +3698,8 @@ static void envsamp__sort_descending(const double *key, uint32_t *order, int cou
             order[hole] = item;
         }
 }
+
+#endif  /* ENVSAMP_NO_FIT */
 
 /* Rounds weights to whole draws out of 2^24: at least 1 for a weight above zero. Those below 1
    are lifted, what that costs is taken from the rest in proportion, and the rest is rounded by
@@ -4056,7 +4089,9 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     if (desc->select == ENVSAMP_KD_ALIAS) {
         job->draws = ENVSAMP__TAKE(uint32_t, arena, count);
         job->stack = ENVSAMP__TAKE(uint32_t, arena, 1u << envsamp__bits((uint32_t)count));
-    } else if (desc->select == ENVSAMP_KD_FIT) {
+    }
+#ifndef ENVSAMP_NO_FIT
+    if (desc->select == ENVSAMP_KD_FIT) {
         envsamp_lm_desc lm = { 2, 0, 0, 0.0, 0.0, 0.0 };
 
         lm.residual_count = envsamp__max_int((int)count, 2);
@@ -4065,6 +4100,7 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
         job->lm_scratch.bytes = envsamp_lm_scratch_bytes(&lm);
         job->lm_scratch.data = ENVSAMP__TAKE(char, arena, job->lm_scratch.bytes);
     }
+#endif
 }
 
 /* ---- writing the density ---- */
@@ -4487,6 +4523,8 @@ static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
 
 /* ---- the build ---- */
 
+#ifndef ENVSAMP_NO_FIT
+
 /* Sorts blocks by their weights, fits the model, and takes their probabilities from it. */
 static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
 {
@@ -4521,6 +4559,8 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
         low = high;
     }
 }
+
+#endif  /* ENVSAMP_NO_FIT */
 
 /* Excess variance of a second moment. */
 static double envsamp__excess(double second, double integral)
@@ -4619,10 +4659,12 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
         job->order[i] = (uint32_t)i;
         q[i] = tree->blocks[i].weight;
     }
+#ifndef ENVSAMP_NO_FIT
     if (kd->select == ENVSAMP_KD_FIT) {
         envsamp__choose_fit(job, kd);
         return;
     }
+#endif
     envsamp__round_draws(q, tree->block_count, job->draws);
     for (i = 0; i < tree->block_count; i++)
         q[i] = (double)job->draws[i] / (double)ENVSAMP__UNIT;
@@ -4664,7 +4706,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     if (result != ENVSAMP_OK)
         return result;
     if (filled.block_count < 1 || filled.block_count > 1048576
-        || (uint32_t)filled.select > ENVSAMP_KD_FIT
+        || (uint32_t)filled.select > ENVSAMP__KD_SELECT_MAX
         || (uint32_t)filled.criterion > ENVSAMP_KD_RANGE
         || (uint32_t)filled.model > ENVSAMP_KD_POWER
         || (uint32_t)filled.objective > ENVSAMP_KD_CHI2
@@ -4818,6 +4860,39 @@ ENVSAMP_DEF envsamp_result envsamp_kd_build(const envsamp_image *image,
     return envsamp_kd_build_rows(image, NULL, NULL, desc, table, scratch, kd);
 }
 
+#ifdef ENVSAMP_ALLOC
+
+/* Both buffers of a build. Returns ENVSAMP_ERR_MEMORY where one of them cannot be got. */
+static envsamp_result envsamp__allocate(const envsamp_sizes *sizes, envsamp_buffer *table,
+                                        envsamp_buffer *scratch)
+{
+    table->data = ENVSAMP_MALLOC(table->bytes = sizes->table_bytes);
+    scratch->data = ENVSAMP_MALLOC(scratch->bytes = sizes->scratch_bytes);
+    return table->data && scratch->data ? ENVSAMP_OK : ENVSAMP_ERR_MEMORY;
+}
+
+ENVSAMP_DEF envsamp_kd *envsamp_kd_new(const envsamp_image *image, const envsamp_kd_desc *desc,
+                                       envsamp_result *result)
+{
+    envsamp_buffer table = { NULL, 0 }, scratch = { NULL, 0 };
+    envsamp_sizes sizes;
+    envsamp_result got = envsamp_kd_sizes(image, desc, &sizes);
+    const envsamp_kd *kd;
+
+    got = got == ENVSAMP_OK ? envsamp__allocate(&sizes, &table, &scratch) : got;
+    got = got == ENVSAMP_OK ? envsamp_kd_build(image, desc, table, scratch, &kd) : got;
+    ENVSAMP_FREE(scratch.data);
+    if (got != ENVSAMP_OK)
+        ENVSAMP_FREE(table.data);
+    if (result)
+        *result = got;
+    return got == ENVSAMP_OK ? (envsamp_kd *)table.data : NULL;
+}
+
+ENVSAMP_DEF void envsamp_kd_free(envsamp_kd *kd) { ENVSAMP_FREE(kd); }
+
+#endif
+
 /* ---- opening ---- */
 
 /* Whether a header describes a table with its arrays where they belong. */
@@ -4825,7 +4900,7 @@ static int envsamp__kd_header_valid(const envsamp_kd *kd)
 {
     envsamp_kd layout;
 
-    if (kd->select > ENVSAMP_KD_FIT || kd->tile_bits_x > 10 || kd->tile_bits_y > 10
+    if (kd->select > ENVSAMP__KD_SELECT_MAX || kd->tile_bits_x > 10 || kd->tile_bits_y > 10
         || (kd->select != ENVSAMP_KD_WARP && kd->tile_bits_x + kd->tile_bits_y > 0)
         || kd->block_count >> (kd->tile_bits_x + kd->tile_bits_y) < 1
         || kd->model > ENVSAMP_KD_POWER || kd->criterion > ENVSAMP_KD_RANGE
@@ -5048,8 +5123,8 @@ ENVSAMP__HOT envsamp__point envsamp__indexed_sample(const envsamp_kd *kd, int al
                                                     float u1, float *pdf)
 {
     const float *block = (const float *)(const void *)ENVSAMP__RECORDS(kd);
-    envsamp__choice choice = alias ? envsamp__alias_choose(kd, u0, u1)
-                                   : envsamp__fit_choose(kd, u0, u1);
+    envsamp__choice choice = alias || ENVSAMP__KD_SELECT_MAX < ENVSAMP_KD_FIT
+                           ? envsamp__alias_choose(kd, u0, u1) : envsamp__fit_choose(kd, u0, u1);
     int at = 5 * choice.block;
 
     *pdf = block[at + 4];
@@ -5740,6 +5815,8 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
     return ENVSAMP_OK;
 }
 
+#ifndef ENVSAMP_NO_CDF
+
 /* ============================================================================================
  * CDF                                                                           [search: @cdf]
  *
@@ -5890,6 +5967,18 @@ static double envsamp__cdf_share(double *weight, uint32_t count, uint32_t *edges
     for (cell = 1; cell <= cells; cell++)
         guide[cell] = guide[cell] < guide[cell - 1] ? guide[cell - 1] : guide[cell];
     return total[0];
+}
+
+static inline void envsamp__sqrt_double_n(double *x, int n)
+{
+    int i = 0;
+
+#ifdef ENVSAMP__SSE
+    for (; i + 2 <= n; i += 2)
+        _mm_storeu_pd(x + i, _mm_sqrt_pd(_mm_loadu_pd(x + i)));
+#endif
+    for (; i < n; i++)
+        x[i] = ENVSAMP_SQRT(x[i]);
 }
 
 /* Weights and maxima of the cells of row y, below `line`. Loops of eight are those that compilers
@@ -6119,6 +6208,30 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_build(const envsamp_image *image,
 {
     return envsamp_cdf_build_rows(image, NULL, NULL, desc, table, scratch, cdf);
 }
+
+#ifdef ENVSAMP_ALLOC
+
+ENVSAMP_DEF envsamp_cdf *envsamp_cdf_new(const envsamp_image *image, const envsamp_cdf_desc *desc,
+                                         envsamp_result *result)
+{
+    envsamp_buffer table = { NULL, 0 }, scratch = { NULL, 0 };
+    envsamp_sizes sizes;
+    envsamp_result got = envsamp_cdf_sizes(image, desc, &sizes);
+    const envsamp_cdf *cdf;
+
+    got = got == ENVSAMP_OK ? envsamp__allocate(&sizes, &table, &scratch) : got;
+    got = got == ENVSAMP_OK ? envsamp_cdf_build(image, desc, table, scratch, &cdf) : got;
+    ENVSAMP_FREE(scratch.data);
+    if (got != ENVSAMP_OK)
+        ENVSAMP_FREE(table.data);
+    if (result)
+        *result = got;
+    return got == ENVSAMP_OK ? (envsamp_cdf *)table.data : NULL;
+}
+
+ENVSAMP_DEF void envsamp_cdf_free(envsamp_cdf *cdf) { ENVSAMP_FREE(cdf); }
+
+#endif
 
 /* ---- opening ---- */
 
@@ -6456,6 +6569,10 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
             pdf[start + i] = envsamp__cdf_density(cdf, at[i]);
     }
 }
+
+#endif  /* ENVSAMP_NO_CDF */
+
+#ifndef ENVSAMP_NO_LIGHTS
 
 /* ============================================================================================
  * HALFTONE                                                                 [search: @halftone]
@@ -8385,6 +8502,10 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
     return ENVSAMP_OK;
 }
 
+#endif  /* ENVSAMP_NO_LIGHTS */
+
+#ifndef ENVSAMP_NO_FIT
+
 /* ============================================================================================
  * NONLINEAR LEAST SQUARES                                                        [search: @lm]
  *
@@ -8751,6 +8872,8 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
     }
     return ENVSAMP_OK;
 }
+
+#endif  /* ENVSAMP_NO_FIT */
 
 #ifdef __cplusplus
 }
