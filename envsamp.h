@@ -1246,6 +1246,16 @@ ENVSAMP_DEVICE static double envsamp__exp2(double x)
          + f * (1.0 / 3628800 + f * (1.0 / 39916800 + f * (1.0 / 479001600)))))))))))));
 }
 
+static inline double envsamp__dot(const double *a, const double *b, int count)
+{
+    double sum = 0.0;
+    int i;
+
+    for (i = 0; i < count; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
 /* As many as are worked on together, stage by stage: loops that compilers vectorise. */
 #define ENVSAMP__BATCH 64
 
@@ -1318,18 +1328,11 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_ot
 /* Hands out pieces of a buffer, or, without one, only counts their bytes. */
 typedef struct envsamp__arena { char *base; uint64_t used; } envsamp__arena;
 
-static uint64_t envsamp__place_wide(uint64_t *end, uint64_t count, size_t size)
-{
-    uint64_t at = *end;
-
-    *end += (count * size + ENVSAMP__GRANULE - 1) / ENVSAMP__GRANULE * ENVSAMP__GRANULE;
-    return at;
-}
-
 static void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
 {
-    uint64_t at = envsamp__place_wide(&arena->used, count, size);
+    uint64_t at = arena->used;
 
+    arena->used += (count * size + ENVSAMP__GRANULE - 1) / ENVSAMP__GRANULE * ENVSAMP__GRANULE;
     return arena->base ? arena->base + at : NULL;
 }
 #define ENVSAMP__TAKE(type, arena, count) \
@@ -1502,9 +1505,7 @@ static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, 
 /* ---- pixels ---- */
 
 #define ENVSAMP__LEVELS 16      /* cells of 2^16 texels cover the widest map */
-#define ENVSAMP__CHUNK 64       /* columns that are worked on together, and */
-#define ENVSAMP__LANES 32       /* numbers of an inner loop: constants, so that compilers vectorise
-                                   at -O2 too */
+#define ENVSAMP__CHUNK 64       /* columns that are worked on together */
 #define ENVSAMP__TOP 128        /* cells of the coarsest level, at most: one split reads as many */
 #define ENVSAMP__BEYOND 9       /* knots that are read, but do not count, after the last */
 
@@ -1562,97 +1563,25 @@ static const float *envsamp__read_pixels(const float *from, int channels, int co
     return mended;
 }
 
-#ifdef ENVSAMP__SSE
-/* envsamp_luminance of four pixels: r0 g0 b0 r1, g1 b1 r2 g2, b2 r3 g3 b3. */
-static inline void envsamp__luminance_4(const float *rgb, float *luminance)
-{
-    __m128 a = _mm_loadu_ps(rgb), b = _mm_loadu_ps(rgb + 4), c = _mm_loadu_ps(rgb + 8);
-    __m128 ab = _mm_shuffle_ps(a, b, 0x4e), bc = _mm_shuffle_ps(b, c, 0x4e);
-    __m128 red = _mm_shuffle_ps(a, bc, 0xcc);
-    __m128 green = _mm_shuffle_ps(_mm_shuffle_ps(a, ab, 0xa5), _mm_shuffle_ps(bc, c, 0xa5), 0x88);
-    __m128 blue = _mm_shuffle_ps(ab, _mm_shuffle_ps(bc, c, 0xfa), 0x8c);
-
-    red = _mm_mul_ps(red, _mm_set1_ps(0.2126f));
-    red = _mm_add_ps(red, _mm_mul_ps(green, _mm_set1_ps(0.7152f)));
-    red = _mm_add_ps(red, _mm_mul_ps(blue, _mm_set1_ps(0.0722f)));
-    _mm_storeu_ps(luminance, red);
-}
-#endif
-
-/* The same of their luminance. Its weights sum to 1 in floats: that of finite pixels is finite. */
-static const float *envsamp__read_luminance(const float *from, int channels, int count,
-                                            float *luminance, size_t *bad)
+/* Luminance of pixels of a row; returns how many are bad. The weights sum to 1 in floats: that of
+   finite pixels is finite. */
+static size_t envsamp__read_luminance(const float *from, int channels, int count, float *luminance)
 {
     float mended[4 * ENVSAMP__CHUNK];
-    int i = 0;
-
-    if (channels == 1)
-        return envsamp__read_pixels(from, 1, count, luminance, bad);
-    from = envsamp__read_pixels(from, channels, count, mended, bad);
-#ifdef ENVSAMP__SSE
-    for (; channels == 3 && i + 4 <= count; i += 4)
-        envsamp__luminance_4(from + 3 * i, luminance + i);
-#endif
-    for (; i < count; i++)
-        luminance[i] = envsamp_luminance(from + i * channels);
-    return luminance;
-}
-
-/* Luminance of a row; returns how many of its pixels are bad. */
-static size_t envsamp__luminance_row(const envsamp_image *image, const float *from,
-                                     float *luminance)
-{
     size_t bad = 0;
-    int x;
+    int x, i;
 
-    for (x = 0; x < image->width; x += ENVSAMP__CHUNK, from += image->channels * ENVSAMP__CHUNK) {
-        int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
-        const float *run = envsamp__read_luminance(from, image->channels, count, luminance + x,
+    for (x = 0; x < count; x += ENVSAMP__CHUNK) {
+        int run = envsamp__min(ENVSAMP__CHUNK, count - x);
+        const float *pixels = envsamp__read_pixels(from + x * channels, channels, run, mended,
                                                    &bad);
 
-        if (run != luminance + x)
-            ENVSAMP_MEMCPY(luminance + x, run, (size_t)count * sizeof(float));
+        if (channels == 1)
+            ENVSAMP_MEMCPY(luminance + x, pixels, (size_t)run * sizeof(float));
+        for (i = 0; i < run && channels > 1; i++)
+            luminance[x + i] = envsamp_luminance(pixels + i * channels);
     }
     return bad;
-}
-
-/* As envsamp_luminance, in double, of sums of pixels. */
-static double envsamp__luminance(const double *rgb, int channels)
-{
-    return channels == 1 ? rgb[0] : 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-}
-
-/* sum += weight * value, number by number. */
-static void envsamp__add_floats(const float *value, int count, double weight, double *sum)
-{
-    int i;
-
-    for (; count >= ENVSAMP__LANES; count -= ENVSAMP__LANES) {
-        for (i = 0; i < ENVSAMP__LANES; i++)
-            sum[i] += weight * (double)value[i];
-        value += ENVSAMP__LANES;
-        sum += ENVSAMP__LANES;
-    }
-    for (i = 0; i < count; i++)
-        sum[i] += weight * (double)value[i];
-}
-
-/* An image whose texels count by luminance times solid angle. */
-typedef struct envsamp__pixels {
-    const envsamp_image *image;
-    double *row_sr;             /* of a texel of each row; NULL: 1 */
-} envsamp__pixels;
-
-/* The luminance of a texel, in double, and its channels. */
-static double envsamp__texel_value(const envsamp_image *image, int x, int y, double rgb[3])
-{
-    float mended[3];
-    int c;
-
-    envsamp__mend_pixel(envsamp__pixel_at(image, x, y), image->channels, mended);
-    for (c = 0; c < 3; c++)
-        rgb[c] = (double)mended[c];
-    return envsamp__luminance(rgb, image->channels);
 }
 
 /* ---- rows of an image ---- */
@@ -1713,7 +1642,8 @@ static envsamp_result envsamp__source_row(envsamp__source *source, int y, float 
     if (result != ENVSAMP_OK)
         return result;
     source->bad_pixel_count = (y > 0 ? source->bad_pixel_count : 0)
-                            + envsamp__luminance_row(image, row, luminance);
+                            + envsamp__read_luminance(row, image->channels, image->width,
+                                                      luminance);
     if (source->dim > 0.0f || source->power > 0.0f)
         for (x = 0; x < image->width; x++)
             luminance[x] = envsamp__importance(source, luminance[x]);
@@ -1867,7 +1797,6 @@ typedef struct envsamp__map {
     float *knots;               /* bilinear: width + 1 by height + 1; else the cells' luminance */
     float *highest;             /* maxima of cells of level 1 */
     size_t stride, knot_count;
-    double *cap;                /* height + 1: polar angles of the row edges; -1: unknown */
     envsamp__row_part *rows;    /* height */
     envsamp__level levels[ENVSAMP__LEVELS];
     int level_count;
@@ -1890,14 +1819,10 @@ typedef struct envsamp__polar { double cap; int south; } envsamp__polar;
 
 static envsamp__polar envsamp__polar_at(const envsamp__map *map, double y)
 {
-    int row = (int)y + (y >= map->bounds.y1 ? map->bilinear : 0);
     double down = y - map->bounds.y0, height = (double)map->image_height, sine, cosine;
     envsamp__polar p;
 
     p.south = map->mapping == ENVSAMP_LATLONG && down > 0.5 * height;
-    p.cap = map->cap[row];
-    if (p.cap >= 0.0 && envsamp__cell_edge(map, row, 1) == y)
-        return p;
     p.cap = p.south ? 1.0 - down / height : down / height;
     if (map->mapping != ENVSAMP_OCTAHEDRAL) {
         envsamp__sincos_pi(map->mapping == ENVSAMP_LATLONG ? 0.5 * p.cap : 0.25 * p.cap,
@@ -2310,7 +2235,7 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
  * positive numbers, in double: nothing cancels, unlike in differences of summed-area tables.
  * ========================================================================================== */
 
-/* Begins to read: makes row edges, rows, and solid angles of the rows of every level. Returns
+/* Begins to read: makes rows, and solid angles of the rows of every level. Returns
    whether all rows are read once before a build begins. */
 static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
                                  void *user)
@@ -2320,10 +2245,6 @@ static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, env
     source->fn = fn;
     source->user = user;
     ENVSAMP_MEMSET(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
-    for (y = 0; y <= map->height; y++) {
-        map->cap[y] = -1.0;
-        map->cap[y] = envsamp__polar_at(map, envsamp__cell_edge(map, y, 1)).cap;
-    }
     for (y = 0; y < map->height; y++)
         map->rows[y] = envsamp__part_of_row(map, y, envsamp__cell_edge(map, y, 1),
                                             envsamp__cell_edge(map, y + 1, 1), 0);
@@ -2631,7 +2552,6 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
     map->height = image->height + bilinear;
     map->stride = (size_t)(map->width + bilinear);
     map->integral = 0.0;
-    map->cap = ENVSAMP__TAKE(double, arena, map->height + 1);
     map->rows = ENVSAMP__TAKE(envsamp__row_part, arena, map->height);
     for (map->level_count = 0; !lines; k++) {
         envsamp__level *level = &map->levels[k];
@@ -6612,7 +6532,8 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 typedef struct envsamp__tap { signed char across, below, parts; } envsamp__tap;
 
 typedef struct envsamp__halftone {
-    const envsamp__pixels *map;
+    const envsamp_image *image;
+    const double *row_sr;       /* solid angle of a texel of each row; NULL: 1 */
     const envsamp_halftone_desc *desc;
     envsamp_texel *texels;
     int wanted, chosen, once;
@@ -6659,10 +6580,28 @@ static double envsamp__spacing(uint32_t seed, int number)
 
 /* ---- importance ---- */
 
+/* As envsamp_luminance, in double, of sums of pixels. */
+static double envsamp__luminance(const double *rgb, int channels)
+{
+    return channels == 1 ? rgb[0] : 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+}
+
+/* The luminance of a texel, in double, and its channels. */
+static double envsamp__texel_value(const envsamp_image *image, int x, int y, double rgb[3])
+{
+    float mended[3];
+    int c;
+
+    envsamp__mend_pixel(envsamp__pixel_at(image, x, y), image->channels, mended);
+    for (c = 0; c < 3; c++)
+        rgb[c] = (double)mended[c];
+    return envsamp__luminance(rgb, image->channels);
+}
+
 /* Sums of columns between two rows; returns how many pixels are bad. */
 static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
 {
-    const envsamp_image *image = h->map->image;
+    const envsamp_image *image = h->image;
     float luminance[ENVSAMP__CHUNK];
     size_t bad = 0;
     int x, y, i;
@@ -6672,35 +6611,32 @@ static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
     for (y = y0; y < y1; y++)
         for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
             int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
-            const float *value = envsamp__read_luminance(envsamp__pixel_at(image, x, y),
-                                                         image->channels, count, luminance, &bad);
+            double sr = h->row_sr ? h->row_sr[y] : 1.0;
 
-            envsamp__add_floats(value, count, h->map->row_sr ? h->map->row_sr[y] : 1.0,
-                                h->sum + x);
-            for (i = 0; i < count && h->desc->once; i++)
-                h->lit_count[x + i] += value[i] > 0.0f;
+            bad += envsamp__read_luminance(envsamp__pixel_at(image, x, y), image->channels, count,
+                                           luminance);
+            for (i = 0; i < count; i++) {
+                h->sum[x + i] += sr * (double)luminance[i];
+                h->lit_count[x + i] += luminance[i] > 0.0f;
+            }
         }
     return bad;
 }
 
 /* ---- choosing ---- */
 
-/* Whether `lit` texels are too few for the samples that are missing. */
-static int envsamp__is_short(const envsamp__halftone *h, int64_t lit)
-{
-    return h->once && lit < h->wanted - h->chosen;
-}
-
+/* A texel. With `once` it is chosen, too, if those that are still to come are too few. */
 static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
 {
-    double rgb[3], value = envsamp__texel_value(h->map->image, x, y, rgb);
+    double rgb[3], value = envsamp__texel_value(h->image, x, y, rgb);
 
     if (!(value > 0.0))
         return;
-    value *= h->map->row_sr ? h->map->row_sr[y] : 1.0;
+    value *= h->row_sr ? h->row_sr[y] : 1.0;
     h->error += value;
     h->lit--;
-    while (h->chosen < h->wanted && (h->error > h->threshold || envsamp__is_short(h, h->lit))) {
+    while (h->chosen < h->wanted
+           && (h->error > h->threshold || (h->once && h->lit < h->wanted - h->chosen))) {
         envsamp_texel *texel = &h->texels[h->chosen++];
 
         texel->x = x;
@@ -6724,7 +6660,7 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
         int x = step > 0 ? h->x0 + i : h->x1 - 1 - i;
 
         if (y1 - y0 < h->y1 - h->y0 || h->error + h->sum[x] > h->threshold
-            || envsamp__is_short(h, h->lit - h->lit_count[x])) {
+            || (h->once && h->lit - h->lit_count[x] < h->wanted - h->chosen)) {
             for (y = y0; y < y1; y++)
                 envsamp__walk_texel(h, x, (i + h->strip) & 1 ? y0 + y1 - 1 - y : y);
         } else {                /* a whole column of which none is chosen */
@@ -6738,23 +6674,6 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
 static int envsamp__part_edge(int part, int count, int length)
 {
     return (int)((int64_t)part * length / count);
-}
-
-/* Bands keep dense samples from standing in lines. Their number is odd, so that the last one ends
-   where the next cell begins. RANDOM does not need them. */
-static void envsamp__walk_cell(envsamp__halftone *h)
-{
-    int height = h->y1 - h->y0, bands = 1, i;
-
-    if (h->mass >= 2.0 * h->quantum && !(h->gap_unit > 0.0)) {
-        bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * h->mass / h->quantum),
-                                             (double)height) + 1;
-        bands = envsamp__min(bands, height - !(height & 1));
-    }
-    for (i = 0; i < bands; i++)
-        envsamp__walk_band(h, i & 1 ? -h->step : h->step,
-                           h->y0 + envsamp__part_edge(i, bands, height),
-                           h->y0 + envsamp__part_edge(i + 1, bands, height));
 }
 
 /* ---- diffusing ---- */
@@ -6816,23 +6735,36 @@ static void envsamp__diffuse(envsamp__halftone *h)
 
 /* ---- the scan ---- */
 
-/* A row of cells in the direction of the scan. */
+/* A row of cells in the direction of the scan. Bands keep dense samples from standing in lines.
+   Their number is odd, so that the last one ends where the next cell begins. RANDOM does not need
+   them. */
 static void envsamp__walk_strip(envsamp__halftone *h)
 {
-    const envsamp_image *image = h->map->image;
-    int i, x;
+    const envsamp_image *image = h->image;
+    int i, x, height;
 
     h->y0 = envsamp__part_edge(h->strip, h->down, image->height);
     h->y1 = envsamp__part_edge(h->strip + 1, h->down, image->height);
+    height = h->y1 - h->y0;
     envsamp__sum_columns(h, h->y0, h->y1);
     for (i = 0; i < h->across; i++) {
+        int bands = 1, band;
+
         h->cell = h->step > 0 ? i : h->across - 1 - i;
         h->x0 = envsamp__part_edge(h->cell, h->across, image->width);
         h->x1 = envsamp__part_edge(h->cell + 1, h->across, image->width);
         h->error += h->rows ? envsamp__waiting(h, 0)[h->cell] : 0.0;
         for (h->mass = 0.0, x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
-        envsamp__walk_cell(h);
+        if (h->mass >= 2.0 * h->quantum && !(h->gap_unit > 0.0)) {
+            bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * h->mass / h->quantum),
+                                                 (double)height) + 1;
+            bands = envsamp__min(bands, height - !(height & 1));
+        }
+        for (band = 0; band < bands; band++)
+            envsamp__walk_band(h, band & 1 ? -h->step : h->step,
+                               h->y0 + envsamp__part_edge(band, bands, height),
+                               h->y0 + envsamp__part_edge(band + 1, bands, height));
         if (h->rows)
             envsamp__diffuse(h);
     }
@@ -6843,7 +6775,8 @@ static void envsamp__walk_strip(envsamp__halftone *h)
 /* Lays cells out, which with CELLS are about square in texels. RANDOM has one a strip. Neither has
    taps. */
 static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone_desc *desc,
-                                    const envsamp__pixels *map, envsamp__arena *arena)
+                                    const envsamp_image *image, const double *row_sr,
+                                    envsamp__arena *arena)
 {
     static const envsamp__tap taps[][ENVSAMP__TAPS] = {
         { { 1, 0, 3 }, { 0, 1, 3 }, { 1, 1, 2 } },
@@ -6856,12 +6789,13 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
           { -2, 2, 1 }, { -1, 2, 2 }, { 0, 2, 4 }, { 1, 2, 2 }, { 2, 2, 1 } },
         { { 1, 0, 1 }, { -1, 1, 1 }, { 0, 1, 1 } }      /* by importance: see above */
     };
-    double width = (double)map->image->width, height = (double)map->image->height;
+    double width = (double)image->width, height = (double)image->height;
     double side = ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count));
     int random = desc->kernel == ENVSAMP_KERNEL_RANDOM;
 
     ENVSAMP_MEMSET(h, 0, sizeof *h);
-    h->map = map;
+    h->image = image;
+    h->row_sr = row_sr;
     h->desc = desc;
     h->once = desc->once && !random;
     if (desc->scan == ENVSAMP_SCAN_TEXELS && !random) {
@@ -6875,8 +6809,8 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
     h->down = envsamp__max_int((int)(height / side), 1);
     h->waiting = ENVSAMP__TAKE(double, arena, h->rows * h->across);
-    h->sum = ENVSAMP__TAKE(double, arena, map->image->width);
-    h->lit_count = ENVSAMP__TAKE(int, arena, map->image->width);
+    h->sum = ENVSAMP__TAKE(double, arena, image->width);
+    h->lit_count = ENVSAMP__TAKE(int, arena, image->width);
 }
 
 /* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero.
@@ -6907,8 +6841,8 @@ static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t l
         envsamp__walk_strip(h);
     }
     h->threshold = -DBL_MAX;
-    for (y = h->map->image->height - 1; y >= 0 && h->chosen == 0; y--)
-        for (x = 0; x < h->map->image->width && h->chosen == 0; x++)
+    for (y = h->image->height - 1; y >= 0 && h->chosen == 0; y--)
+        for (x = 0; x < h->image->width && h->chosen == 0; x++)
             envsamp__walk_texel(h, x, y);
     for (; h->chosen < wanted; h->chosen++)
         texels[h->chosen] = texels[h->chosen - 1];
@@ -6921,7 +6855,6 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   envsamp_sizes *sizes)
 {
     const envsamp_image image = { NULL, width, height, 1, 0, ENVSAMP_LATLONG };
-    const envsamp__pixels map = { &image, NULL };
     envsamp__arena arena = { NULL, 0 };
     envsamp__halftone h;
 
@@ -6935,7 +6868,7 @@ ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
     if (desc->count < 1 || (uint32_t)desc->kernel > ENVSAMP_KERNEL_RANDOM
         || (uint32_t)desc->scan > ENVSAMP_SCAN_TEXELS)
         return ENVSAMP_ERR_PARAM;
-    envsamp__halftone_carve(&h, desc, &map, &arena);
+    envsamp__halftone_carve(&h, desc, &image, NULL, &arena);
     return envsamp__set_sizes(sizes, 0, arena.used);
 }
 
@@ -6946,7 +6879,6 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
                                             envsamp_buffer scratch)
 {
     const envsamp_image image = { importance, width, height, 1, row_stride_bytes, ENVSAMP_LATLONG };
-    const envsamp__pixels map = { &image, NULL };
     envsamp__arena arena = { (char *)scratch.data, 0 };
     envsamp__halftone h;
     envsamp_sizes sizes;
@@ -6969,7 +6901,7 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
                                         : envsamp__buffers_check(&sizes, scratch, scratch);
     if (result != ENVSAMP_OK)
         return result;
-    envsamp__halftone_carve(&h, desc, &map, &arena);
+    envsamp__halftone_carve(&h, desc, &image, NULL, &arena);
     if (envsamp__sum_columns(&h, 0, height))
         return ENVSAMP_ERR_VALUE;
     for (x = 0; x < width; x++) {
@@ -7057,8 +6989,7 @@ typedef struct envsamp__mover {
 typedef struct envsamp__lights {
     const envsamp_image *image;
     const envsamp_lights_desc *desc;
-    envsamp_lights_method method;
-    envsamp__pixels pixels;
+    double *row_sr;             /* solid angle of a texel of each row */
     envsamp_lights_info info;
 
     envsamp__halftone halftone; /* HALFTONE and RANDOM */
@@ -7071,7 +7002,7 @@ typedef struct envsamp__lights {
     envsamp__patch *patches;
     envsamp__patch total;       /* of all texels of the lights so far */
     envsamp__patch *line;       /* 2 x ENVSAMP__LINES_MAX */
-    envsamp_lights_method rule; /* how regions are cut; ENVSAMP__SHARED: not at all */
+    envsamp_lights_method rule; /* how regions are cut */
     envsamp__heap heap;         /* of regions, by key */
     envsamp__region *regions;
     int count;
@@ -7095,19 +7026,13 @@ typedef struct envsamp__lights {
 } envsamp__lights;
 
 enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE, ENVSAMP__ANY };     /* labels */
-#define ENVSAMP__SHARED ENVSAMP_LIGHTS_HALFTONE
 
 /* ---- sums ---- */
-
-static double envsamp__dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 /* Scales a vector to length 1; returns 0, and leaves dir alone, if it has none. */
 static int envsamp__normalise(const double v[3], float dir[3])
 {
-    double length = ENVSAMP_SQRT(envsamp__dot(v, v));
+    double length = ENVSAMP_SQRT(envsamp__dot(v, v, 3));
     int c;
 
     for (c = 0; c < 3 && length > 0.0; c++)
@@ -7144,100 +7069,61 @@ static void envsamp__map_dir(const envsamp__lights *l, int x, int y, double dir[
     }
 }
 
-/* Adds channels, which are sums by solid angle, that shine from a point of the map. */
-static void envsamp__add_light(const envsamp__lights *l, int x, int y, const double rgb[3],
-                               double sr, envsamp__patch *sum)
+/* Lets the channels of a patch, which are sums by solid angle, shine from a point of the map. */
+static void envsamp__aim_patch(const envsamp__lights *l, int x, int y, envsamp__patch *patch)
 {
-    double luminance = envsamp__luminance(rgb, l->image->channels), dir[3];
     int c;
 
-    envsamp__map_dir(l, x, y, dir);
-    sum->sr += sr;
-    sum->luminance += luminance;
+    envsamp__map_dir(l, x, y, patch->v);
+    patch->luminance = envsamp__luminance(patch->rgb, l->image->channels);
+    for (c = 0; c < 3; c++)
+        patch->v[c] *= patch->luminance;
+}
+
+static void envsamp__add_patch(const envsamp__patch *patch, envsamp__patch *sum)
+{
+    int c;
+
+    sum->luminance += patch->luminance;
+    sum->sr += patch->sr;
     for (c = 0; c < 3; c++) {
-        sum->v[c] += luminance * dir[c];
-        sum->rgb[c] += rgb[l->image->channels == 1 ? 0 : c];
+        sum->v[c] += patch->v[c];
+        sum->rgb[c] += patch->rgb[c];
     }
 }
 
 static void envsamp__add_texel(const envsamp__lights *l, int x, int y, envsamp__patch *sum)
 {
-    double rgb[3], sr = l->pixels.row_sr[y];
+    envsamp__patch texel;
     int c;
 
-    envsamp__texel_value(l->image, x, y, rgb);
+    texel.sr = l->row_sr[y];
+    envsamp__texel_value(l->image, x, y, texel.rgb);
     for (c = 0; c < 3; c++)
-        rgb[c] *= sr;
-    envsamp__add_light(l, 2 * x + 1, 2 * y + 1, rgb, sr, sum);
+        texel.rgb[c] *= texel.sr;
+    envsamp__aim_patch(l, 2 * x + 1, 2 * y + 1, &texel);
+    envsamp__add_patch(&texel, sum);
 }
 
-/* Adds a patch to a sum: copies of both, and no loops, so that compilers vectorise at -O2. */
-static void envsamp__add_patch(const envsamp__patch *patch, envsamp__patch *sum)
+/* Whether a texel counts. */
+static inline int envsamp__counts(const envsamp__lights *l, int x, int y)
 {
-    envsamp__patch a = *patch, b = *sum;
-
-    sum->luminance = b.luminance + a.luminance;
-    sum->v[0] = b.v[0] + a.v[0];
-    sum->v[1] = b.v[1] + a.v[1];
-    sum->v[2] = b.v[2] + a.v[2];
-    sum->rgb[0] = b.rgb[0] + a.rgb[0];
-    sum->rgb[1] = b.rgb[1] + a.rgb[1];
-    sum->rgb[2] = b.rgb[2] + a.rgb[2];
-    sum->sr = b.sr + a.sr;
+    return l->label == ENVSAMP__ANY
+        || l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] == l->label;
 }
 
 /* Steps from (x, y) to the next texel of a rectangle that counts, row after row, from the one
    before its first; returns 0 after the last. */
 static int envsamp__next_texel(const envsamp__lights *l, const envsamp__region *r, int *x, int *y)
 {
-    for (;;) {
+    do {
         if (++*x == r->x1) {
             *x = r->x0;
             if (++*y == r->y1)
                 return 0;
         }
-        if (l->label == ENVSAMP__ANY
-            || l->labels[(size_t)*y * (size_t)l->image->width + (size_t)*x] == l->label)
-            return 1;
-    }
-}
-
-/* Sums of the channels of at most ENVSAMP__CHUNK columns between two rows by solid angle, and that.
-   Returns how many pixels are bad. */
-static size_t envsamp__sum_texel_columns(const envsamp__lights *l, int x, int count, int y0,
-                                         int y1, double *sum, double *sr)
-{
-    int channels = l->image->channels, y, i;
-    float mended[4 * ENVSAMP__CHUNK];
-    double whole = 0.0;
-    size_t bad = 0;
-
-    ENVSAMP_MEMSET(sum, 0, (size_t)(channels * count) * sizeof *sum);
-    ENVSAMP_MEMSET(sr, 0, (size_t)count * sizeof *sr);
-    for (y = y0; y < y1; y++) {
-        const uint8_t *label = l->label == ENVSAMP__ANY ? NULL
-                             : l->labels + (size_t)y * (size_t)l->image->width + (size_t)x;
-        int mixed = label && ENVSAMP_MEMCMP(label, label + 1, (size_t)count - 1) != 0;
-        double row_sr = l->pixels.row_sr[y];
-        const float *from;
-
-        if (label && !mixed && *label != l->label)
-            continue;
-        from = envsamp__read_pixels(envsamp__pixel_at(l->image, x, y), channels, count, mended,
-                                    &bad);
-        if (!mixed) {
-            envsamp__add_floats(from, channels * count, row_sr, sum);
-            whole += row_sr;
-        }
-        for (i = 0; i < count && mixed; i++)
-            if (label[i] == l->label) {
-                envsamp__add_floats(from + i * channels, channels, row_sr, sum + i * channels);
-                sr[i] += row_sr;
-            }
-    }
-    for (i = 0; i < count; i++)
-        sr[i] += whole;
-    return bad;
+    } while (!envsamp__counts(l, *x, *y));
+    return 1;
 }
 
 /* ---- regions ----
@@ -7264,8 +7150,9 @@ static double envsamp__extent(const envsamp_image *image, const envsamp__region 
 
 static double envsamp__spread(const envsamp__patch *sum)
 {
-    return sum->luminance > 0.0
-         ? envsamp__max(sum->luminance - envsamp__dot(sum->v, sum->v) / sum->luminance, 0.0) : 0.0;
+    double light = sum->luminance;
+
+    return light > 0.0 ? envsamp__max(light - envsamp__dot(sum->v, sum->v, 3) / light, 0.0) : 0.0;
 }
 
 /* DECOMPOSED: V, standard deviation x solid angle; D, longer side; E, luminance. */
@@ -7290,7 +7177,7 @@ static void envsamp__region_terms(const envsamp__lights *l, envsamp__region *r, 
     term[2] = r->sum.luminance;
 }
 
-/* The region to be cut next has the largest; below 0: it cannot be cut. */
+/* The region to be cut next has the largest; below 0: it cannot be cut, but shared. */
 static double envsamp__region_key(const envsamp__lights *l, envsamp__region *r)
 {
     double share = r->sum.luminance / (double)r->copies, term[3];
@@ -7301,7 +7188,8 @@ static double envsamp__region_key(const envsamp__lights *l, envsamp__region *r)
         return 1e-9 * share + envsamp__spread(&r->sum) / (double)r->copies;
     case ENVSAMP_LIGHTS_DECOMPOSED:
         envsamp__region_terms(l, r, term);
-        return width > l->wide || height > l->tall ? envsamp__dot(l->weight, term) : -1.0;
+        return width > l->wide || height > l->tall ? envsamp__dot(l->weight, term, 3)
+                                                   : -1.0 / (share + DBL_MIN);
     case ENVSAMP_LIGHTS_RELAXED:
         if (width > 8 * l->wide || height > 8 * l->tall)
             return DBL_MAX;
@@ -7398,57 +7286,76 @@ static void envsamp__cut_top(envsamp__lights *l)
 {
     int halves = l->rule == ENVSAMP_LIGHTS_DECOMPOSED || l->rule == ENVSAMP_LIGHTS_RELAXED;
     envsamp__region *top = &l->regions[l->heap.entries->item], *rest = &l->regions[l->count];
-    int cut = l->rule != ENVSAMP__SHARED && top->copies == 1 && envsamp__cut_region(l, top, rest);
+    int shared = l->heap.entries->key < 0.0;
+    int cut = !shared && top->copies == 1 && envsamp__cut_region(l, top, rest);
 
-    top->copies += !halves && !cut;
+    top->copies += shared || (!halves && !cut);
     l->heap.entries->key = envsamp__region_key(l, top);
     envsamp__heap_settle(&l->heap);
     if (cut)
         envsamp__heap_push(&l->heap, envsamp__region_key(l, rest), (uint32_t)l->count++, 0);
 }
 
+/* Adds texels x to `end` of row y that count to a patch: their channels, not yet aimed. */
+static void envsamp__add_run(const envsamp__lights *l, const float *from, int x, int end, int y,
+                             envsamp__patch *patch)
+{
+    double sr = l->row_sr[y], sum[3] = { 0.0, 0.0, 0.0 };
+    int channels = l->image->channels, green = channels > 1, count = 0, c;
+
+    for (; x < end; x++, from += channels)
+        if (envsamp__counts(l, x, y)) {
+            sum[0] += (double)from[0];
+            sum[1] += (double)from[green];
+            sum[2] += (double)from[2 * green];
+            count++;
+        }
+    for (c = 0; c < 3; c++)
+        patch->rgb[c] += sr * sum[c];
+    patch->sr += sr * (double)count;
+}
+
 /* Sums the texels of a label over patches, and all of them into one region; returns how many pixels
    are bad. */
 static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_lights_method rule)
 {
-    double sum[4 * ENVSAMP__CHUNK], sr[ENVSAMP__CHUNK];
     const envsamp_image *image = l->image;
-    int channels = image->channels, step = envsamp__min(l->tall, 16), x, y, k, c, end;
+    float mended[4 * ENVSAMP__CHUNK];
     envsamp__region whole;
     size_t bad = 0;
+    int x, y, k, end;
 
     l->label = label;
     ENVSAMP_MEMSET(l->patches, 0, (size_t)(l->across * l->down) * sizeof *l->patches);
-    for (y = 0; y < image->height; y += step)
+    ENVSAMP_MEMSET(&whole, 0, sizeof whole);
+    for (y = 0; y < image->height; y++)
         for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
-            int count = envsamp__min(ENVSAMP__CHUNK, image->width - x), row = y / l->tall;
+            int last = envsamp__min(x + ENVSAMP__CHUNK, image->width), counted = 0;
+            const float *from;
 
-            bad += envsamp__sum_texel_columns(l, x, count, y, envsamp__min(y + step, image->height),
-                                              sum, sr);
-            for (k = 0; k < count; k = end) {
-                int column = (x + k) / l->wide;
-                double rgb[3] = { 0.0, 0.0, 0.0 }, patch_sr = 0.0;
-
-                for (end = envsamp__min((column + 1) * l->wide - x, count); k < end; k++) {
-                    for (c = 0; c < envsamp__min(channels, 3); c++)
-                        rgb[c] += sum[k * channels + c];
-                    patch_sr += sr[k];
-                }
-                if (patch_sr > 0.0)
-                    envsamp__add_light(l, column * l->wide
-                                          + envsamp__min((column + 1) * l->wide, image->width),
-                                       row * l->tall
-                                       + envsamp__min((row + 1) * l->tall, image->height),
-                                       rgb, patch_sr, &l->patches[row * l->across + column]);
+            for (k = x; k < last && !counted; k++)
+                counted = envsamp__counts(l, k, y);
+            if (!counted)
+                continue;
+            from = envsamp__read_pixels(envsamp__pixel_at(image, x, y), image->channels, last - x,
+                                        mended, &bad);
+            for (k = x; k < last; k = end) {
+                end = envsamp__min((k / l->wide + 1) * l->wide, last);
+                envsamp__add_run(l, from + (k - x) * image->channels, k, end, y,
+                                 &l->patches[y / l->tall * l->across + k / l->wide]);
             }
         }
-    ENVSAMP_MEMSET(&whole, 0, sizeof whole);
+    for (k = 0; k < l->across * l->down; k++) {
+        x = k % l->across * l->wide;
+        y = k / l->across * l->tall;
+        envsamp__aim_patch(l, x + envsamp__min(x + l->wide, image->width),
+                           y + envsamp__min(y + l->tall, image->height), &l->patches[k]);
+        envsamp__add_patch(&l->patches[k], &whole.sum);
+    }
     whole.x1 = (uint16_t)image->width;
     whole.y1 = (uint16_t)image->height;
     whole.copies = 1;
     whole.deviation = -1.0;
-    for (k = 0; k < l->across * l->down; k++)
-        envsamp__add_patch(&l->patches[k], &whole.sum);
     envsamp__add_patch(&whole.sum, &l->total);
     ENVSAMP_MEMCPY(l->info.integral, l->total.rgb, sizeof l->info.integral);
     if (l->regions) {
@@ -7464,7 +7371,7 @@ static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_ligh
 static void envsamp__set_light(const envsamp__patch *sum, const float dir[3], int copies,
                                envsamp_light *light)
 {
-    double r = sum->luminance > 0.0 ? ENVSAMP_SQRT(envsamp__dot(sum->v, sum->v)) / sum->luminance
+    double r = sum->luminance > 0.0 ? ENVSAMP_SQRT(envsamp__dot(sum->v, sum->v, 3)) / sum->luminance
                                     : 1.0;
     int c;
 
@@ -7939,49 +7846,12 @@ static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
 
 /* ---- emissive texels ---- */
 
-static void envsamp__emission_carve(envsamp__lights *l, envsamp__arena *arena)
-{
-    l->map = ENVSAMP__TAKE(float, arena, (uint64_t)l->image->width * (uint64_t)l->image->height);
-    l->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
-}
-
-/* Labels the texels that are brighter than a threshold; sums light and solid angle of these and of
-   the others. Zero light of the others means that all of them are black. */
-static void envsamp__split_emission(envsamp__lights *l, float threshold)
-{
-    const float *row = l->map;
-    uint8_t *label = l->labels;
-    int width = l->image->width, x, y;
-
-    l->threshold = threshold;
-    ENVSAMP_MEMSET(l->dim, 0, sizeof l->dim);
-    ENVSAMP_MEMSET(l->bright, 0, sizeof l->bright);
-    for (y = 0; y < l->image->height; y++, row += width, label += width) {
-        double dim = 0.0, bright = 0.0, row_sr = l->pixels.row_sr[y];
-        int count = 0;
-
-        for (x = 0; x < width; x++) {
-            label[x] = row[x] > threshold ? ENVSAMP__EMISSIVE : ENVSAMP__DIM;
-            if (row[x] > threshold) {
-                bright += (double)row[x];
-                count++;
-            } else {
-                dim += (double)row[x];
-            }
-        }
-        l->dim[0] += row_sr * dim;
-        l->dim[1] += row_sr * (double)(width - count);
-        l->bright[0] += row_sr * bright;
-        l->bright[1] += row_sr * (double)count;
-    }
-}
-
-/* The luminance that `target` of solid angle does not exceed, which is above the threshold: by bins
-   of the upper half of its bits, then of the lower half. */
+/* The luminance that `target` of solid angle does not exceed: by bins of the upper half of its
+   bits, then of the lower half. */
 static float envsamp__percentile(const envsamp__lights *l, double target)
 {
     int width = l->image->width, pass, x, y;
-    double sum, before = l->dim[1];
+    double sum, before = 0.0;
     uint32_t upper = 0, last = 0, bin;
 
     for (pass = 0; pass < 2; pass++) {
@@ -7993,8 +7863,8 @@ static float envsamp__percentile(const envsamp__lights *l, double target)
             for (x = 0; x < width; x++) {
                 uint32_t bits = envsamp__float_bits(row[x]);
 
-                if (row[x] > l->threshold && (pass == 0 || bits >> 16 == upper))
-                    l->bins[pass == 0 ? bits >> 16 : bits & 0xffffu] += l->pixels.row_sr[y];
+                if (pass == 0 || bits >> 16 == upper)
+                    l->bins[pass == 0 ? bits >> 16 : bits & 0xffffu] += l->row_sr[y];
             }
         for (bin = 0, last = 0, sum = before; bin < ENVSAMP__BINS && sum < target; bin++)
             if (l->bins[bin] > 0.0) {
@@ -8006,31 +7876,52 @@ static float envsamp__percentile(const envsamp__lights *l, double target)
     return envsamp__bits_float(upper << 16 | last);
 }
 
-/* Finds L_T, and labels texels that are brighter. L_b is sought only where it is the largest.
-   Returns how many pixels are bad. */
+/* Finds L_T, labels texels that are brighter, and sums light and solid angle of these and of the
+   others, whose light is 0 only if all of them are black. Returns how many pixels are bad. */
 static size_t envsamp__find_emission(envsamp__lights *l)
 {
     double total = 0.0, sr = 0.0, limit;
     float *row = l->map, brightest = 0.0f;
+    uint8_t *label = l->labels;
     int width = l->image->width, x, y;
     size_t bad = 0;
 
     for (y = 0; y < l->image->height; y++, row += width) {
         double sum = 0.0;
 
-        bad += envsamp__luminance_row(l->image, envsamp__pixel_at(l->image, 0, y), row);
+        bad += envsamp__read_luminance(envsamp__pixel_at(l->image, 0, y), l->image->channels, width,
+                                       row);
         for (x = 0; x < width; x++) {
             sum += (double)row[x];
             brightest = row[x] > brightest ? row[x] : brightest;
         }
-        total += sum * l->pixels.row_sr[y];
-        sr += (double)width * l->pixels.row_sr[y];
+        total += sum * l->row_sr[y];
+        sr += (double)width * l->row_sr[y];
     }
     limit = envsamp__max((double)l->desc->lambda * total / sr,
                          (double)l->desc->gamma * (double)brightest);
-    envsamp__split_emission(l, envsamp__to_float(envsamp__max(limit, 0.0)));
-    if (l->dim[1] < (double)l->desc->percentile * sr)
-        envsamp__split_emission(l, envsamp__percentile(l, (double)l->desc->percentile * sr));
+    limit = envsamp__max(limit, (double)envsamp__percentile(l, (double)l->desc->percentile * sr));
+    l->threshold = envsamp__to_float(limit);
+    ENVSAMP_MEMSET(l->dim, 0, sizeof l->dim);
+    ENVSAMP_MEMSET(l->bright, 0, sizeof l->bright);
+    for (row = l->map, y = 0; y < l->image->height; y++, row += width, label += width) {
+        double dim = 0.0, bright = 0.0;
+        int count = 0;
+
+        for (x = 0; x < width; x++) {
+            label[x] = row[x] > l->threshold ? ENVSAMP__EMISSIVE : ENVSAMP__DIM;
+            if (row[x] > l->threshold) {
+                bright += (double)row[x];
+                count++;
+            } else {
+                dim += (double)row[x];
+            }
+        }
+        l->dim[0] += l->row_sr[y] * dim;
+        l->dim[1] += l->row_sr[y] * (double)(width - count);
+        l->bright[0] += l->row_sr[y] * bright;
+        l->bright[1] += l->row_sr[y] * (double)count;
+    }
     return bad;
 }
 
@@ -8094,7 +7985,7 @@ static void envsamp__place_directs(envsamp__lights *l)
                 envsamp__map_dir(l, 2 * x + 1, 2 * y + 1, dir);
                 for (c = 0; c < 3; c++)
                     axis[c] = (double)m->axis[c];
-                cosine = envsamp__dot(dir, axis);
+                cosine = envsamp__dot(dir, axis, 3);
                 if (pass == 0 && cosine > m->chord) {
                     m->chord = cosine;
                     texel->x = x;
@@ -8168,7 +8059,6 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
         }
         envsamp__cut_top(l);
     }
-    envsamp__sort_regions(l, ENVSAMP__SHARED);
     envsamp__cut_lights(l, count, lights);
 }
 
@@ -8195,18 +8085,17 @@ static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
 static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image,
                                   const envsamp_lights_desc *desc, envsamp__arena *arena)
 {
+    uint64_t texels = (uint64_t)image->width * (uint64_t)image->height;
     int count = desc->count, moves, chooses, regions, side;
 
     ENVSAMP_MEMSET(l, 0, sizeof *l);
-    l->image = l->pixels.image = image;
+    l->image = image;
     l->desc = desc;
-    l->method = desc->method == ENVSAMP_LIGHTS_RELAXED && count > ENVSAMP__RELAXED_MAX
-              ? ENVSAMP_LIGHTS_HALFTONE : desc->method;
-    moves = l->method == ENVSAMP_LIGHTS_RELAXED || l->method == ENVSAMP_LIGHTS_DECOMPOSED;
-    chooses = l->method == ENVSAMP_LIGHTS_HALFTONE || l->method == ENVSAMP_LIGHTS_RANDOM;
+    moves = desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED;
+    chooses = desc->method == ENVSAMP_LIGHTS_HALFTONE || desc->method == ENVSAMP_LIGHTS_RANDOM;
     l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
     regions = moves ? envsamp__max_int(l->most, count) : count;
-    l->pixels.row_sr = ENVSAMP__TAKE(double, arena, image->height);
+    l->row_sr = ENVSAMP__TAKE(double, arena, image->height);
     if (!chooses && image->mapping != ENVSAMP_OCTAHEDRAL
         && envsamp__max_int(image->width, image->height) <= 4096) {     /* else much scratch */
         l->azimuth = ENVSAMP__TAKE(double, arena, 4 * image->width + 2);
@@ -8215,7 +8104,7 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
 
     /* A patch has as few texels as the largest number of patches each way allows; it is narrower
        where that leaves few. */
-    side = chooses ? 1 : l->method == ENVSAMP_LIGHTS_RELAXED ? ENVSAMP__PIECE_PATCHES
+    side = chooses ? 1 : desc->method == ENVSAMP_LIGHTS_RELAXED ? ENVSAMP__PIECE_PATCHES
                                                              : ENVSAMP__PATCHES_MAX;
     for (l->wide = 1; envsamp__max_int(image->width, image->height) > side * l->wide; )
         l->wide *= 2;
@@ -8228,10 +8117,10 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
     l->patches = ENVSAMP__TAKE(envsamp__patch, arena, l->across * l->down);
     if (chooses) {
         l->halftone_desc.count = count;
-        l->halftone_desc.kernel = l->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
+        l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
                                                                      : ENVSAMP_KERNEL_SZIRMAY;
         l->halftone_desc.seed = desc->seed;
-        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, &l->pixels, arena);
+        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, image, l->row_sr, arena);
     } else {
         l->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__LINES_MAX);
         l->regions = ENVSAMP__TAKE(envsamp__region, arena, regions);
@@ -8243,11 +8132,12 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
         l->places = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(count));
         l->reach = ENVSAMP__TAKE(float, arena, l->most);
     }
-    if (l->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        envsamp__emission_carve(l, arena);
-        l->labels = ENVSAMP__TAKE(uint8_t, arena, (uint64_t)image->width * (uint64_t)image->height);
+    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
+        l->map = ENVSAMP__TAKE(float, arena, texels);
+        l->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
+        l->labels = ENVSAMP__TAKE(uint8_t, arena, texels);
     }
-    if (chooses || l->method == ENVSAMP_LIGHTS_DECOMPOSED)
+    if (chooses || desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
         l->texels = ENVSAMP__TAKE(envsamp_texel, arena, count);
 }
 
@@ -8322,6 +8212,8 @@ static envsamp_lights_desc envsamp__lights_filled(const envsamp_lights_desc *des
     filled.gamma = envsamp__or(filled.gamma, 0.001f);
     filled.mask_scale = envsamp__or(filled.mask_scale, 0.15f);
     filled.refine_rounds = filled.refine_rounds ? filled.refine_rounds : 64;
+    if (filled.method == ENVSAMP_LIGHTS_RELAXED && filled.count > ENVSAMP__RELAXED_MAX)
+        filled.method = ENVSAMP_LIGHTS_HALFTONE;
     if (envsamp__is_zero(filled.weight_variance) && envsamp__is_zero(filled.weight_extent)
         && envsamp__is_zero(filled.weight_energy)) {
         filled.weight_variance = filled.weight_energy = 1.0f;
@@ -8388,23 +8280,23 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
         return result;
     arena.base = (char *)scratch.data;
     envsamp__lights_carve(&l, image, &filled, &arena);
-    envsamp__fill_row_sr(image, l.pixels.row_sr);
+    envsamp__fill_row_sr(image, l.row_sr);
     if (l.azimuth) {
         envsamp__fill_angles(l.azimuth, image->width, 2.0);
         envsamp__fill_angles(l.polar, image->height,
                              image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
     }
     l.info.count = filled.count;
-    l.info.bad_pixel_count = l.method == ENVSAMP_LIGHTS_DECOMPOSED
+    l.info.bad_pixel_count = filled.method == ENVSAMP_LIGHTS_DECOMPOSED
                            ? envsamp__find_emission(&l)
-                           : envsamp__begin_regions(&l, ENVSAMP__ANY, l.method);
+                           : envsamp__begin_regions(&l, ENVSAMP__ANY, filled.method);
     if (filled.strict && l.info.bad_pixel_count)
         return ENVSAMP_ERR_VALUE;
     if (!(l.total.luminance + l.dim[0] + l.bright[0] > 0.0))
         return ENVSAMP_ERR_BLACK;
-    if (l.method == ENVSAMP_LIGHTS_DECOMPOSED) {
+    if (filled.method == ENVSAMP_LIGHTS_DECOMPOSED) {
         envsamp__decompose(&l, lights);
-    } else if (l.method == ENVSAMP_LIGHTS_RELAXED) {
+    } else if (filled.method == ENVSAMP_LIGHTS_RELAXED) {
         envsamp__relax_lights(&l, lights);
     } else if (!l.texels) {
         envsamp__cut_lights(&l, filled.count, lights);
@@ -8444,15 +8336,16 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     do {                                /* counts bytes, then takes them */
         arena.base = (char *)(arena.used > 0 ? scratch.data : NULL);
         arena.used = 0;
-        l.pixels.row_sr = ENVSAMP__TAKE(double, &arena, image->height);
-        envsamp__emission_carve(&l, &arena);
+        l.row_sr = ENVSAMP__TAKE(double, &arena, image->height);
+        l.map = ENVSAMP__TAKE(float, &arena, (uint64_t)image->width * (uint64_t)image->height);
+        l.bins = ENVSAMP__TAKE(double, &arena, ENVSAMP__BINS);
         result = envsamp__set_sizes(&sizes, 0, arena.used);
         if (result == ENVSAMP_OK)
             result = envsamp__buffers_check(&sizes, scratch, scratch);
     } while (result == ENVSAMP_OK && !arena.base);
     if (result != ENVSAMP_OK)
         return result;
-    envsamp__fill_row_sr(image, l.pixels.row_sr);
+    envsamp__fill_row_sr(image, l.row_sr);
     bad = envsamp__find_emission(&l);
     if (filled.strict && bad)
         return ENVSAMP_ERR_VALUE;
@@ -8537,16 +8430,6 @@ typedef struct envsamp__lm {
     double step[ENVSAMP__LM_MAX_PARAMS];        /* z */
 } envsamp__lm;
 
-static double envsamp__lm_dot(const double *a, const double *b, int count)
-{
-    double sum = 0.0;
-    int i;
-
-    for (i = 0; i < count; i++)
-        sum += a[i] * b[i];
-    return sum;
-}
-
 /* The power of two, from 2^-1000 to 2^1000, that brings the largest of the numbers to 1 to 2;
    0 where that is 2^1001 or more. */
 static double envsamp__lm_unit(const double *values, int count)
@@ -8567,7 +8450,7 @@ static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
 
     for (j = 0; j < lm->n; j++)
         scaled[j] = lm->scale[j] * lm->params[j];
-    norm2 = envsamp__lm_dot(scaled, scaled, lm->n);
+    norm2 = envsamp__dot(scaled, scaled, lm->n);
     return envsamp__exponent(&norm2, 1) < 0x7ff ? ENVSAMP_SQRT(norm2) : 0.0;
 }
 
@@ -8583,13 +8466,13 @@ static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double 
         return -1.0;
     lm->evaluations++;
     lm->fn(point, residuals, lm->user);
-    cost = envsamp__lm_dot(residuals, residuals, lm->m);
+    cost = envsamp__dot(residuals, residuals, lm->m);
     exponent = envsamp__exponent(&cost, 1);
     if (*unit <= 0.0)
         *unit = exponent > 423 && exponent < 1623 ? 1.0 : envsamp__lm_unit(residuals, lm->m);
     for (i = 0; i < lm->m; i++)
         residuals[i] *= *unit;
-    cost = envsamp__lm_dot(residuals, residuals, lm->m);
+    cost = envsamp__dot(residuals, residuals, lm->m);
     return *unit > 0.0 && envsamp__exponent(&cost, 1) < 0x7ff ? cost : -1.0;
 }
 
@@ -8612,7 +8495,7 @@ static double envsamp__lm_difference(envsamp__lm *lm, int j, double scale, doubl
     h *= unit;
     for (i = 0; i < lm->m; i++)
         column[i] = (column[i] - lm->residuals[i]) / h;
-    norm = ENVSAMP_SQRT(envsamp__lm_dot(column, column, lm->m));
+    norm = ENVSAMP_SQRT(envsamp__dot(column, column, lm->m));
     scale = envsamp__clamp(scale / unit, norm, norm * 1048576.0);
     lm->scale[j] = scale * unit;
     if (envsamp__exponent(&lm->scale[j], 1) == 0x7ff)
@@ -8668,7 +8551,7 @@ static void envsamp__lm_triangle(double *const *column, int n, int m, double *rh
     int i, j, k;
 
     for (k = 0; k < n; k++) {
-        double *v = column[k] + k, norm2 = envsamp__lm_dot(v, v, m - k), norm, head;
+        double *v = column[k] + k, norm2 = envsamp__dot(v, v, m - k), norm, head;
 
         if (norm2 < DBL_MIN)    /* its reciprocal would overflow */
             continue;
@@ -8677,7 +8560,7 @@ static void envsamp__lm_triangle(double *const *column, int n, int m, double *rh
         v[0] -= head;
         for (j = k + 1; j <= n; j++) {
             double *target = (j < n ? column[j] : rhs) + k;
-            double weight = envsamp__lm_dot(v, target, m - k) / (norm * ENVSAMP__FABS(v[0]));
+            double weight = envsamp__dot(v, target, m - k) / (norm * ENVSAMP__FABS(v[0]));
 
             for (i = 0; i < m - k; i++)
                 target[i] -= weight * v[i];
@@ -8704,8 +8587,8 @@ static void envsamp__lm_linearise(envsamp__lm *lm)
     envsamp__lm_triangle(lm->column, lm->n, lm->m, lm->trial);
     ENVSAMP_MEMCPY(lm->slope, lm->trial, (size_t)lm->n * sizeof(double));
     for (j = 0; j < lm->n; j++) {
-        double norm = ENVSAMP_SQRT(envsamp__lm_dot(lm->column[j], lm->column[j], j + 1));
-        double along = ENVSAMP__FABS(envsamp__lm_dot(lm->column[j], lm->slope, j + 1));
+        double norm = ENVSAMP_SQRT(envsamp__dot(lm->column[j], lm->column[j], j + 1));
+        double along = ENVSAMP__FABS(envsamp__dot(lm->column[j], lm->slope, j + 1));
 
         lm->cosine = envsamp__max(lm->cosine, norm > 0.0 ? along / norm / fnorm : 0.0);
         moving |= norm > 0.0;
@@ -8727,7 +8610,7 @@ static double envsamp__lm_solve(envsamp__lm *lm, double damping)
     for (k = 0; k < lm->n; k++) {
         column[k] = memory[k];
         ENVSAMP_MEMCPY(memory[k], lm->column[k], ((size_t)k + 1) * sizeof(double));
-        if (envsamp__lm_dot(memory[k], memory[k], k + 1) > 0.0)
+        if (envsamp__dot(memory[k], memory[k], k + 1) > 0.0)
             memory[k][lm->n + k] = ENVSAMP_SQRT(damping);
         rhs[k] = -lm->slope[k];
     }
@@ -8738,7 +8621,7 @@ static double envsamp__lm_solve(envsamp__lm *lm, double damping)
         lm->step[k] = memory[k][k] != 0.0 ? rhs[k] / memory[k][k] : 0.0;
     }
     lm->damping = damping;
-    return ENVSAMP_SQRT(envsamp__lm_dot(lm->step, lm->step, lm->n));
+    return ENVSAMP_SQRT(envsamp__dot(lm->step, lm->step, lm->n));
 }
 
 /* One trial step: with the least damping or, where that leaves the trust radius, with what a
