@@ -26,7 +26,7 @@ double error_mean(const image *map)
 
     for (i = 0; i < count; i++)
         sum += (double)map->rgb[i];
-    return sum / (double)count;
+    return count > 0 ? sum / (double)count : (double)NAN;
 }
 
 /* ---- of radiance ---- */

@@ -21,6 +21,7 @@
 #define ERROR_FLIP_PPD_MIN 1.0f
 #define ERROR_FLIP_PPD_MAX 1000.0f
 
+/* Of all values; NaN where there are none. */
 double error_mean(const image *map);
 
 /* Root of the mean of (test - reference)^2. */
