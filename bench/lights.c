@@ -142,6 +142,8 @@ static void print_means(const map_set *set, double (*all)[WAYS][K_COUNT])
             printf(" %.4f |", mean[m][k]);
         for (k = 0; k < K_COUNT; k++) {
             best = fmin(mean[MEDIAN_CUT][k], fmin(mean[VARIANCE_CUT][k], mean[DECOMPOSED][k]));
+            for (i = RIVALS; i < WAYS; i++)
+                best = fmin(best, mean[i][k]);
             printf(" %.3f |", mean[m][k] / best);
         }
         printf("\n");

@@ -84,6 +84,7 @@ static void test_radiance(void)
     t.rgb[3] = 1.0f;
     t.rgb[4] = 2.0f;
     t.rgb[5] = 6.0f;
+    CHECK(IS_NEAR(error_mean(&t), 14.0 / 6.0, 1e-12) && IS(error_mean(&r), 2.0), "means");
     CHECK(IS_NEAR(error_rmse(&t, &r), sqrt(14.0 / 6.0), 1e-12), "RMSE");
     CHECK(IS_NEAR(error_relative_rmse(&t, &r), sqrt(14.0 / 6.0) / 2.0, 1e-12), "relative RMSE");
     /* By pixels: (5/3) / 4.04 and (9/3) / 4.04. */

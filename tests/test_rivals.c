@@ -217,6 +217,29 @@ static void test_density(void)
     image_free(&map);
 }
 
+/* Samples of a uniform map keep apart: shares of the sphere that are nearest to each vary less than
+ * those of independent samples, whose deviation is 0.53 of their mean. */
+static void test_evenness(void)
+{
+    image map = grey_map(256, 128, 1.0f);
+    const envsamp_image view = view_of(&map);
+    envsamp_light lights[500];
+    double squares = 0.0;
+    uint32_t seed;
+    int made, i;
+
+    for (seed = 0; seed < 4; seed++) {
+        rival_lights(RIVAL_FHIS, &view, 500, seed, lights, &made);
+        for (i = 0; i < made; i++) {
+            const double off = (double)lights[i].solid_angle * 500.0 / (4.0 * PI) - 1.0;
+            squares += off * off / 2000.0;
+        }
+    }
+    CHECK(IS_NEAR(sqrt(squares), 0.29, 0.04), "FHIS: shares of the sphere vary by %.3f",
+          sqrt(squares));
+    image_free(&map);
+}
+
 /* ---- small maps, other layouts, and what is refused ---- */
 
 static void test_small(void)
@@ -319,6 +342,7 @@ int main(void)
     test_sun();
     test_spread();
     test_density();
+    test_evenness();
     test_small();
     test_layouts();
     test_refused();

@@ -11,7 +11,7 @@ mkdir "$tmp/build"                          # for scratch files
 trap 'rm -rf "$tmp"' EXIT
 kinds=address,undefined,float-divide-by-zero,float-cast-overflow
 subjects="kd_faults kd_table kd_layout kd_warp kd_facing kd_target cdf lm halftone lights
-          lights_cuts lights_decomposed fuzz errors hdr filtered"
+          lights_cuts lights_decomposed fuzz errors hdr filtered rivals"
 common=examples/common
 count=0
 
@@ -38,7 +38,7 @@ watch="-fsanitize=$kinds -fno-sanitize-recover=all"
 if [ $able = 1 ]; then
     compile "-O2 $watch" tests/envsamp.c
     compile "-O1 $watch" tests/inside.c $common/errors.c $common/image.c $common/hdr.c \
-            $common/filtered.c
+            $common/filtered.c examples/render/rivals.c
     compile -O2 tests/statistics.c $common/maps.c
 fi
 for subject in $subjects; do

@@ -18,7 +18,7 @@ static int same_size(const image *a, const image *b)
     return a->rgb && b->rgb && a->width == b->width && a->height == b->height;
 }
 
-static double mean_value(const image *map)
+double error_mean(const image *map)
 {
     const size_t count = value_count(map);
     double sum = 0.0;
@@ -26,7 +26,7 @@ static double mean_value(const image *map)
 
     for (i = 0; i < count; i++)
         sum += (double)map->rgb[i];
-    return sum / (double)count;
+    return count > 0 ? sum / (double)count : (double)NAN;
 }
 
 /* ---- of radiance ---- */
@@ -62,7 +62,7 @@ double error_relative_rmse(const image *test, const image *reference)
 {
     const double rmse = error_rmse(test, reference);
 
-    return isnan(rmse) ? rmse : ratio(rmse, mean_value(reference));
+    return isnan(rmse) ? rmse : ratio(rmse, error_mean(reference));
 }
 
 static double pixel_relative(const float *test, const float *reference, double least)
@@ -98,7 +98,7 @@ double error_relative_mse(const image *test, const image *reference)
     errors = (double *)malloc(count * sizeof *errors);
     if (!errors)
         return (double)NAN;
-    mean = mean_value(reference);
+    mean = error_mean(reference);
     for (i = 0; i < count; i++) {
         errors[i] = pixel_relative(test->rgb + 3 * i, reference->rgb + 3 * i, DARK * mean * mean);
         unordered |= isnan(errors[i]);

@@ -21,11 +21,15 @@
 #define ERROR_FLIP_PPD_MIN 1.0f
 #define ERROR_FLIP_PPD_MAX 1000.0f
 
+/* Of all values; NaN where there are none. */
+double error_mean(const image *map);
+
 /* Root of the mean of (test - reference)^2. */
 double error_rmse(const image *test, const image *reference);
 
 /* Mean of (test - a)(test - b) of two references whose noise is independent: the expected value is
- * the squared error against what both converge to, however noisy they are. It can be negative. */
+ * the squared error against what both converge to, however noisy they are. It can be negative. Over
+ * the square of error_mean it is relative. */
 double error_mse_two(const image *test, const image *a, const image *b);
 
 /* error_rmse over the mean of the reference; of a black reference infinite, or 0 if both are. */

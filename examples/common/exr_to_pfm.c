@@ -1,4 +1,4 @@
-/* exr_to_pfm.c: turns an EXR image into a PFM one.
+/* exr_to_pfm.c: turns an EXR image, or a Radiance HDR one, into a PFM one.
  *
  *     exr_to_pfm in.exr out.pfm
  */

@@ -4,9 +4,10 @@
  * of a region is L w^(1/4), L being its light and w its solid angle; the map is cut into levels at
  * multiples of the standard deviation of its radiance, levels into connected components; each gets
  * lights by its importance, from the brightest level down; within a component they are placed by
- * Hochbaum and Shmoys' farthest-first traversal; a stratum's light is integrated. Filled in: six
- * levels; rounding by Sainte-Lague; the first light of all is its component's brightest texel; a
- * component too small for a light goes to the nearest one.
+ * Hochbaum and Shmoys' farthest-first traversal; a stratum's light is integrated, and comes from
+ * its centre. Filled in: six levels; rounding by Sainte-Lague; the first light of all is placed on
+ * its component's brightest texel; a component too small for a light goes to the nearest one; the
+ * centre is that of light, since that of solid angle has 1.4 times the error at 32 lights.
  *
  * TMMS [Feng, Yang, Wan, Yu 2016]. Known, from its abstract: mean-shift clusters of the tone-mapped
  * map, too many of them, are refined by splits and merges that balance their importance. Filled in:
@@ -137,8 +138,6 @@ static double importance(double light, double sr)
 
 /* ---- lights of labels ---- */
 
-/* Where the light of a stratum is. */
-typedef enum place { OF_SOLID_ANGLE, OF_LIGHT, AS_GIVEN } place;
 
 typedef struct sums { double rgb[3], sr, by_sr[3], by_light[3]; } sums;
 
@@ -168,8 +167,9 @@ static int set_direction(envsamp_light *light, const double v[3])
     return length > 1e-12;
 }
 
-/* Every texel has a label below `made`. AS_GIVEN: lights[].dir is set. */
-static envsamp_result sum_lights(const sky *s, int made, place where, envsamp_light *lights)
+/* Every texel has a label below `made`. Unless directions are `given`, they become the centroids of
+ * light, or, of strata without any, those of solid angle. */
+static envsamp_result sum_lights(const sky *s, int made, int given, envsamp_light *lights)
 {
     sums *all = (sums *)calloc((size_t)made, sizeof *all);
     int i, c;
@@ -179,10 +179,10 @@ static envsamp_result sum_lights(const sky *s, int made, place where, envsamp_li
     sum_strata(s, all);
     for (i = 0; i < made; i++) {
         envsamp_light *light = &lights[i];
-        if (where != AS_GIVEN) {
+        if (!given) {
             const float up[3] = { 0.0f, 0.0f, 1.0f };
             memcpy(light->dir, up, sizeof up);
-            if (where == OF_SOLID_ANGLE || !set_direction(light, all[i].by_light))
+            if (!set_direction(light, all[i].by_light))
                 set_direction(light, all[i].by_sr);
         }
         for (c = 0; c < 3; c++)
@@ -381,7 +381,7 @@ static envsamp_result structured(sky *s, int count, envsamp_light *lights, int *
     free(of);
     free(nearest);
     free(all);
-    return all ? sum_lights(s, *made, OF_SOLID_ANGLE, lights) : ENVSAMP_ERR_MEMORY;
+    return all ? sum_lights(s, *made, 0, lights) : ENVSAMP_ERR_MEMORY;
 }
 
 /* ---- tone-mapped mean shift ---- */
@@ -660,7 +660,7 @@ static envsamp_result mean_shift(sky *s, int count, envsamp_light *lights, int *
     free(parent);
     free(all);
     free(borders);
-    return ready ? sum_lights(s, *made, OF_LIGHT, lights) : ENVSAMP_ERR_MEMORY;
+    return ready ? sum_lights(s, *made, 0, lights) : ENVSAMP_ERR_MEMORY;
 }
 
 /* ---- fast hierarchical importance sampling ---- */
@@ -897,7 +897,7 @@ static envsamp_result penrose(sky *s, int count, uint32_t seed, envsamp_light *l
     if (first_tiles(seed, &all) && keys) {
         *made = draw_samples(s, &all, count, keys, lights);
         label_nearest(s, lights, *made);
-        result = *made ? sum_lights(s, *made, AS_GIVEN, lights) : ENVSAMP_ERR_BLACK;
+        result = *made ? sum_lights(s, *made, 1, lights) : ENVSAMP_ERR_BLACK;
         if (result == ENVSAMP_OK)
             share_texels(s, *made, lights);
     }
