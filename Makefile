@@ -89,7 +89,7 @@ render: setup  ## a scene lit by a map through Embree, and its picture; RENDER="
 # A quarter of an hour on two cores. tests/test_render.sh has a short one.
 unbiased: setup  ## every sampling method of the renderer beside a reference, at 1024 samples
 	@$(MAKE) --no-print-directory $(BUILD)/render_unbiased
-	$(BUILD)/render_unbiased -t $(JOBS) 1024 64 48
+	$(BUILD)/render_unbiased -t $(JOBS) 1024
 
 # MAP: sky, studio, constant, night, foliage, or a file; made or enlarged to a width of 2048.
 bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
