@@ -89,7 +89,7 @@ render: setup  ## a scene lit by a map through Embree, and its picture; RENDER="
 # A quarter of an hour on two cores. tests/test_render.sh has a short one.
 unbiased: setup  ## every sampling method of the renderer beside a reference, at 1024 samples
 	@$(MAKE) --no-print-directory $(BUILD)/render_unbiased
-	$(BUILD)/render_unbiased -t $(JOBS) 1024 64 48
+	$(BUILD)/render_unbiased -t $(JOBS) 1024
 
 # TABLES="samplers calls": only these. What is done is kept; an hour and a half on two cores.
 tables: setup  ## all samplers and lights in the renderer, over the real maps: bench/results

@@ -15,13 +15,17 @@
  * spread among what it found tells nothing. So what the spread must be is known beforehand: the
  * second moment of its samples is summed with samples of the reference. A tile is judged where by
  * that the error is below a seventh of the mean, a picture likewise; how many are is printed, and
- * at least a tenth has to be. Prints TAP.
+ * at least a tenth has to be.
+ *
+ * Many directional lights come close to the reference too, at full size, and interleaved and
+ * reduced; those of a map that is turned otherwise do not. Prints TAP.
  */
 #include "../envsamp.h"
 
 #include "../examples/common/maps.h"
 #include "../examples/render/environment.h"
 #include "../examples/render/integrator.h"
+#include "../examples/render/lights.h"
 #include "../examples/render/numbers.h"
 #include "../examples/render/product.h"
 #include "../examples/render/scene.h"
@@ -613,6 +617,96 @@ static int try_maps(trial *t)
     return ok;
 }
 
+/* ---- directional lights ---- */
+
+#define LIGHTS 128
+#define LIGHTS_MOST 0.03             /* relative error of a tile */
+
+/* The largest relative error of a tile. */
+static double lights_error(const trial *t, lights_job *job, const environment *e,
+                           const measured *known, image *out)
+{
+    measured found = {0, 0, NULL, NULL};
+    double worst = 0.0, relative, error;
+    tile at = {0, 0, 0, 0};
+    int i;
+
+    job->environment = e;
+    if (!lights_render(job, out) || !measured_make(&found, t->width, t->height))
+        return -1.0;
+    for (i = 0; i < t->width * t->height; i++)
+        found.sum[i] = REPLICATES * (double)envsamp_luminance(out->rgb + 3 * i);
+    for (at.top = 0; at.top < t->height; at.top += TILE_SIDE)
+        for (at.left = 0; at.left < t->width; at.left += TILE_SIDE) {
+            at.right = at.left + TILE_SIDE < t->width ? at.left + TILE_SIDE : t->width;
+            at.bottom = at.top + TILE_SIDE < t->height ? at.top + TILE_SIDE : t->height;
+            compare(&found, known, &at, &relative, &error);
+            worst = fmax(worst, fabs(relative));
+        }
+    free(found.sum);
+    return worst;
+}
+
+static void report_lights(const trial *t, lights_job *job, const environment *e,
+                          const measured *known, image *out)
+{
+    environment other;
+    double error;
+
+    error = lights_error(t, job, e, known, out);
+    CHECK(error >= 0.0 && error < LIGHTS_MOST, "%d lights: worst tile off by %.2f %%", LIGHTS,
+          100.0 * error);
+    job->sets = LIGHTS_SETS;
+    job->reduce = 2;
+    error = lights_error(t, job, e, known, out);
+    CHECK(error >= 0.0 && error < LIGHTS_MOST, "interleaved and reduced: by %.2f %%",
+          100.0 * error);
+    environment_make(&other, e->map, ROTATE + 180.0f);
+    error = lights_error(t, job, &other, known, out);
+    CHECK(error > LIGHTS_MOST, "of a map that is turned otherwise: by %.2f %%", 100.0 * error);
+}
+
+static void test_lights(const trial *t)
+{
+    image map = {0, 0, NULL}, out = {0, 0, NULL};
+    light_list list = {NULL, 0};
+    char error[256] = "";
+    environment e;
+    lights_job job;
+    corner c;
+    scene *s = scene_open("vase", error, sizeof error);
+    int ok;
+
+    memset(&c, 0, sizeof c);
+    memset(&job, 0, sizeof job);
+    ok = s && map_make("sky", 128, 64, &map) && image_alloc(&out, t->width, t->height)
+      && measured_make(&c.known, t->width, t->height);
+    if (ok) {
+        environment_make(&e, &map, ROTATE);
+        c.scene = job.scene = s;
+        c.environment = &e;
+        c.bounces = 1;
+        c.reference.by = find_sampler("inversion");
+        c.reference.mis = 1;
+        ok = render_known(t, &c, 1, 77)
+          && lights_make(&list, "relaxed", LIGHTS, 1, &e, error, sizeof error);
+    }
+    CHECK(ok, "lights are made%s", error);
+    if (ok) {
+        lights_mark(&list, LIGHTS_LAMP);
+        job.list = &list;
+        job.sets = job.reduce = 1;
+        job.side = 2;
+        job.threads = t->threads;
+        report_lights(t, &job, &e, &c.known, &out);
+    }
+    lights_free(&list);
+    scene_close(s);
+    free(c.known.sum);
+    image_free(&out);
+    image_free(&map);
+}
+
 int main(int argc, char **argv)
 {
     static trial t;
@@ -645,5 +739,6 @@ int main(int argc, char **argv)
             report(&t.subjects[i]);
         free(t.subjects[i].moments);
     }
+    test_lights(&t);
     return check_done();
 }

@@ -73,6 +73,22 @@ void lights_free(light_list *list)
     list->count = 0;
 }
 
+void lights_mark(light_list *list, float times)
+{
+    float light = 0.0f, solid_angle = 0.0f;
+    int i;
+
+    for (i = 0; i < list->count; i++) {
+        light += envsamp_luminance(list->lights[i].irradiance);
+        solid_angle += list->lights[i].solid_angle;
+    }
+    for (i = 0; i < list->count; i++) {
+        envsamp_light *l = &list->lights[i];
+
+        l->direct = envsamp_luminance(l->irradiance) * solid_angle > times * light * l->solid_angle;
+    }
+}
+
 /* All sets, one after another, in directions of the world; NULL if memory is short. */
 static envsamp_light *make_sets(const lights_job *job)
 {

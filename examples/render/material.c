@@ -191,6 +191,27 @@ material material_plastic(const float base[3], float ior, float alpha)
     return m;
 }
 
+material material_fabric(void)
+{
+    static const float diffuse[3] = {0.42f, 0.14f, 0.15f}, specular[3] = {0.06f, 0.05f, 0.05f};
+
+    return material_ward(diffuse, specular, 0.32f, 0.22f);
+}
+
+material material_metallic_paint(void)
+{
+    static const float diffuse[3] = {0.02f, 0.05f, 0.16f}, specular[3] = {0.12f, 0.20f, 0.36f};
+
+    return material_ward(diffuse, specular, 0.19f, 0.19f);
+}
+
+material material_chrome_steel(void)
+{
+    static const float diffuse[3] = {0.010f, 0.009f, 0.009f}, specular[3] = {0.58f, 0.57f, 0.56f};
+
+    return material_ward(diffuse, specular, 0.022f, 0.022f);
+}
+
 /* The share of samples that go to the specular lobe. */
 static float specular_share(const material *m, const float eye[3])
 {

@@ -38,6 +38,12 @@ material material_ward(const float diffuse[3], const float specular[3], float al
 material material_conductor(const float reflectance[3], float alpha_x, float alpha_y);
 material material_plastic(const float base[3], float ior, float alpha);
 
+/* Ward, with parameters of the magnitude that Ngan, Durand and Matusik fit to such surfaces
+   [Experimental analysis of BRDF models, 2005]; not their numbers. Fabric is anisotropic. */
+material material_fabric(void);
+material material_metallic_paint(void);
+material material_chrome_steel(void);
+
 /* BRDF x cosine of the light; zero where either direction is below the surface. */
 void material_eval(const material *m, const float eye[3], const float light[3], float f[3]);
 

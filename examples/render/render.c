@@ -80,8 +80,8 @@ static void list_options(options *o, option list[OPTIONS])
         {"--seconds", "S", "as many samples as the time allows, instead of --spp", 0, 0,
          &o->seconds, 0.01, 1e6},
         {"--lights", "K", "the map as that many directional lights", 0, &o->lights, 0, 1, 65536},
-        {"--reduce", "N", "lights that are not EnvDirects at 1/N of the size (1)", 0, &o->reduce,
-         0, 1, 16},
+        {"--reduce", "N", "with --lights, those that are no lamps at 1/N of the size (1)", 0,
+         &o->reduce, 0, 1, 16},
         {"--side", "N", "rays through N x N fixed places of a pixel (any; with --lights 2)", 0,
          &o->side, 0, 1, 64},
         {"--bounces", "N", "1: direct light (1)", 0, &o->bounces, 0, 1, 1000},
@@ -505,6 +505,8 @@ static int render_lights(const options *o, const scene *s, const environment *e,
 
     if (!lights_make(&list, name, o->lights, (uint32_t)o->seed, e, error, sizeof error))
         return fail("--method", error);
+    if (strcmp(name, "decomposed"))
+        lights_mark(&list, LIGHTS_LAMP);
     memset(&job, 0, sizeof job);
     progress.report = report;
     progress.user = c;

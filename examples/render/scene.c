@@ -41,8 +41,7 @@ struct scene {
     scene_proxy proxies[PROXIES_MAX];
 };
 
-/* ---- materials, of the size of those that Ngan, Durand and Matusik fitted to measured surfaces in
-   Experimental analysis of BRDF models, 2005 ---- */
+/* ---- materials ---- */
 
 static material lambert(float r, float g, float b)
 {
@@ -63,27 +62,6 @@ static material conductor(float r, float g, float b, float alpha_x, float alpha_
     const float reflectance[3] = {r, g, b};
 
     return material_conductor(reflectance, alpha_x, alpha_y);
-}
-
-static material fabric(void)
-{
-    const float diffuse[3] = {0.42f, 0.14f, 0.15f}, specular[3] = {0.06f, 0.05f, 0.05f};
-
-    return material_ward(diffuse, specular, 0.32f, 0.22f);
-}
-
-static material metallic_paint(void)
-{
-    const float diffuse[3] = {0.02f, 0.05f, 0.16f}, specular[3] = {0.12f, 0.20f, 0.36f};
-
-    return material_ward(diffuse, specular, 0.19f, 0.19f);
-}
-
-static material chrome_steel(void)
-{
-    const float diffuse[3] = {0.010f, 0.009f, 0.009f}, specular[3] = {0.58f, 0.57f, 0.56f};
-
-    return material_ward(diffuse, specular, 0.022f, 0.022f);
 }
 
 /* ---- objects ---- */
@@ -295,10 +273,10 @@ static int build_knot(scene *s)
 
     look(s, eye, target, 30.0f);
     return add_table(s, lambert(0.52f, 0.50f, 0.47f), lambert(0.38f, 0.36f, 0.34f), 0.5f)
-        && add_knot(s, metallic_paint(), knot, 0.68f, 1.25f)
-        && add_sphere(s, fabric(), -1.12f, -0.15f, 0.46f)
+        && add_knot(s, material_metallic_paint(), knot, 0.68f, 1.25f)
+        && add_sphere(s, material_fabric(), -1.12f, -0.15f, 0.46f)
         && add_vase(s, plastic(0.66f, 0.60f, 0.48f, 0.15f), 1.15f, 0.1f, 1.1f)
-        && add_sphere(s, metallic_paint(), 0.62f, -0.9f, 0.24f);
+        && add_sphere(s, material_metallic_paint(), 0.62f, -0.9f, 0.24f);
 }
 
 /* Semi-glossy metal on a table. */
@@ -326,7 +304,7 @@ static int build_chrome(scene *s)
     look(s, eye, target, 30.0f);
     return add_table(s, lacquer, lacquer, 0.0f)
         && add_knot(s, conductor(1.00f, 0.77f, 0.35f, 0.06f, 0.06f), knot, 0.58f, 0.8f)
-        && add_sphere(s, chrome_steel(), 0.15f, -0.2f, 0.5f)
+        && add_sphere(s, material_chrome_steel(), 0.15f, -0.2f, 0.5f)
         && add_vase(s, plastic(0.48f, 0.03f, 0.03f, 0.04f), 1.15f, 0.3f, 1.25f)
         && add_sphere(s, conductor(0.95f, 0.64f, 0.54f, 0.10f, 0.10f), 0.72f, -0.95f, 0.24f);
 }
@@ -401,6 +379,15 @@ static int attach_all(scene *s)
     return rtcGetDeviceError(s->device) == RTC_ERROR_NONE;
 }
 
+/* Hands what was built to Embree. */
+static scene *scene_finish(scene *s, int built)
+{
+    if (built && attach_all(s))
+        return s;
+    scene_close(s);
+    return NULL;
+}
+
 scene *scene_open(const char *name, char *error, size_t error_size)
 {
     int i = 0;
@@ -413,11 +400,20 @@ scene *scene_open(const char *name, char *error, size_t error_size)
         return NULL;
     }
     s = calloc(1, sizeof *s);
-    if (s && scene_builds[i](s) && attach_all(s))
-        return s;
-    snprintf(error, error_size, "%s: not enough memory for the scene", name);
-    scene_close(s);
-    return NULL;
+    s = scene_finish(s, s && scene_builds[i](s));
+    if (!s)
+        snprintf(error, error_size, "%s: not enough memory for the scene", name);
+    return s;
+}
+
+scene *scene_sphere(const material *m)
+{
+    static const float eye[3] = {0.0f, -4.2f, 1.3f}, target[3] = {0.0f, 0.0f, 1.0f};
+    scene *s = calloc(1, sizeof *s);
+
+    if (s)
+        look(s, eye, target, 30.0f);
+    return scene_finish(s, s && add_sphere(s, *m, 0.0f, 0.0f, 1.0f));
 }
 
 void scene_close(scene *s)

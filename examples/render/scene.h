@@ -34,6 +34,9 @@ extern const scene_entry scene_list[];
 
 /* NULL, with one line in `error`, for an unknown name or too little memory. */
 scene *scene_open(const char *name, char *error, size_t error_size);
+
+/* A sphere alone, of any material; NULL if memory is short. */
+scene *scene_sphere(const material *m);
 void scene_close(scene *s);
 
 /* The ray from the eye through a point of the picture; (0, 0) is its upper left corner. */
