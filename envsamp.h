@@ -225,6 +225,7 @@
 #define ENVSAMP__HOST_ONLY
 #endif
 
+#define ENVSAMP_VERSION 200     /* 0.2.0: 10000 major + 100 minor + patch */
 #define ENVSAMP_ALIGN 8         /* bytes: alignment of both buffers of a build, as any malloc has */
 
 #ifdef __cplusplus
@@ -8763,6 +8764,14 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 #endif
 
 #endif /* ENVSAMP_IMPLEMENTATION */
+
+/* CHANGES
+ * 0.2  Zero is the default in every description: `bilinear` became `nearest`, `repeat` became `once`,
+ *      EXCESS and RELAXED are the first of their enums. Light x cosine (`facing`), excess_target,
+ *      importance_exponent, _build_rows, ENVSAMP_ALLOC, ENVSAMP_NO_FIT, _NO_CDF, _NO_LIGHTS.
+ *      Tables of 0.1 do not open.
+ * 0.1  kd, cdf, halftone, lights, lm.
+ */
 
 /*
 This software is available under two licences: choose the one you prefer.

@@ -419,6 +419,67 @@ END
 check "enumerators and structures have their values" $cc -std=c99 -Wall -Werror -I"$root" \
     -c "$work/values.c" -o "$work/a.o"
 
+# ---- what may be left out, and what is there when asked for ----
+
+for out in -DENVSAMP_NO_FIT -DENVSAMP_NO_LIGHTS -DENVSAMP_NO_CDF -DENVSAMP_ALLOC \
+    "-DENVSAMP_NO_FIT -DENVSAMP_NO_LIGHTS -DENVSAMP_NO_CDF -DENVSAMP_ALLOC"; do
+    check "$out compiles as C" $cc -std=c99 -O1 $strict_c $out -c "$work/implementation.c" \
+        -o "$work/a.o"
+    check "and is static" $cc -std=c99 -O1 $strict_c $out -c "$work/static.c" -o "$work/a.o"
+    have "${cxx%% *}" && check "and as C++" $cxx -x c++ -std=c++11 -O1 $strict $out \
+        -c "$work/implementation.c" -o "$work/a.o"
+done
+
+cat >"$work/left_out.c" <<'END'
+#define ENVSAMP_NO_FIT
+#define ENVSAMP_NO_LIGHTS
+#define ENVSAMP_ALLOC
+#define ENVSAMP_MALLOC(bytes) give(bytes)
+#define ENVSAMP_FREE(block) take(block)
+#define ENVSAMP_IMPLEMENTATION
+#include <stdlib.h>
+static int given, fail_at;
+static void *give(size_t bytes) { return given + 1 == fail_at ? NULL : (given++, malloc(bytes)); }
+static void take(void *block) { given -= block != NULL; free(block); }
+#include "envsamp.h"
+int main(void)
+{
+    static const float pixels[8] = { 1, 2, 3, 4, 5, 6, 7, 8 }, black[8] = { 0 };
+    envsamp_image map = { pixels, 4, 2, 1, 0, ENVSAMP_LATLONG };
+    envsamp_kd_desc desc = { 0 };
+    envsamp_result result = ENVSAMP_ERR_NULL;
+    envsamp_kd *kd = envsamp_kd_new(&map, NULL, &result);
+    envsamp_cdf *cdf = envsamp_cdf_new(&map, NULL, NULL);
+    const envsamp_kd *again;
+    int wrong = !kd || !cdf || result != ENVSAMP_OK || given != 2;
+
+    wrong += envsamp_kd_open(kd, envsamp_kd_bytes(kd), &again) != ENVSAMP_OK;
+    wrong += !(envsamp_kd_sample(kd, 0.2f, 0.3f).pdf > 0.0f);
+    wrong += !(envsamp_cdf_sample(cdf, 0.2f, 0.3f).pdf > 0.0f);
+    envsamp_kd_free(kd);
+    envsamp_cdf_free(cdf);
+    envsamp_kd_free(NULL);
+    wrong += given != 0;
+    desc.select = ENVSAMP_KD_FIT;
+    wrong += envsamp_kd_new(&map, &desc, &result) || result != ENVSAMP_ERR_PARAM;
+    map.pixels = black;
+    wrong += envsamp_kd_new(&map, NULL, &result) || result != ENVSAMP_ERR_BLACK;
+    wrong += envsamp_cdf_new(&map, NULL, &result) || result != ENVSAMP_ERR_BLACK || given != 0;
+    for (fail_at = 1; fail_at < 3; fail_at++) {
+        wrong += envsamp_kd_new(&map, NULL, &result) || result != ENVSAMP_ERR_MEMORY;
+        wrong += envsamp_cdf_new(&map, NULL, &result) || result != ENVSAMP_ERR_MEMORY;
+        wrong += given != 0;
+    }
+    return wrong;
+}
+END
+left_out_runs()
+{
+    $cc -std=c99 -O1 -g -w -fsanitize=address,undefined -I"$root" "$work/left_out.c" -lm \
+        -o "$work/left_out" && "$work/left_out"
+}
+check "_new and _free own all that they take, also when memory runs out" left_out_runs
+
 # ---- the README's program, and the example of placement ----
 
 first_block()
