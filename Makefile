@@ -9,7 +9,15 @@ DATA     := data
 STRICT   := -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion \
             -Wdouble-promotion -Wcast-qual
 STRICT_C := $(STRICT) -Wstrict-prototypes -Wmissing-prototypes
-COMPILE   = $(CC) -std=c99 $(CFLAGS) $(STRICT_C) -I. -Iexamples/common
+# V=1 shows the commands.
+SAY       = $(if $(V),,@echo "  $(notdir $@)";)
+COMPILE   = $(SAY)$(CC) -std=c99 $(CPPFLAGS) $(CFLAGS) $(STRICT_C) -I. -Iexamples/common
+LINK      = $(SAY)$(CC) $(CFLAGS)
+LIBM      = $(LDFLAGS) -lm
+PREFIX   ?= /usr/local
+
+# A file or a name of a made-up map, for every target that takes one.
+MAP_WORD  = $(if $(MAP),"$(MAP)")
 
 # Elsewhere than on x86 bench_batch says that it is skipped.
 AVX2        := $(shell $(CC) -mavx2 -E -x c /dev/null >/dev/null 2>&1 && echo -mavx2)
@@ -18,13 +26,14 @@ BATCH_FLAGS := -O3 $(AVX2)
 # Programs that show a table of an older version take its header.
 OTHER_HEADER = $(if $(HEADER),-DHEADER='"$(abspath $(HEADER))"')
 
-EXR_CFLAGS = -DHAVE_OPENEXR $(shell pkg-config --cflags OpenEXR 2>/dev/null)
-EXR_LIBS   = $(shell pkg-config --libs OpenEXR 2>/dev/null)
+HAVE_EXR   = $(shell pkg-config --exists OpenEXR 2>/dev/null && echo yes)
+EXR_CFLAGS = $(if $(HAVE_EXR),-DHAVE_OPENEXR $(shell pkg-config --cflags OpenEXR))
+EXR_LIBS   = $(if $(HAVE_EXR),$(shell pkg-config --libs OpenEXR))
 
 # The renderer, built and tested where Embree is.
 EMBREE       := $(firstword $(foreach version,3 4,$(if $(wildcard \
                   /usr/include/embree$(version)/rtcore.h),embree$(version))))
-RENDER_LIBS   = -l$(or $(EMBREE),embree3) $(EXR_LIBS) -pthread -lm
+RENDER_LIBS   = -l$(or $(EMBREE),embree3) $(EXR_LIBS) -pthread $(LIBM)
 RENDER_PARTS := scene shapes material environment inversion integrator lights upsample product tiles
 
 COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
@@ -46,45 +55,57 @@ JOBS     ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 1)
 
 # Compiled once: what examples link, what the demo and tests do, which read EXR files, and tests.
 OBJECTS      = $(addprefix $(BUILD)/, envsamp.o image.o hdr.o maps.o picture.o)
-EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o hdr.o maps.o picture.o exr.o)
+EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o hdr.o maps.o picture.o \
+                 $(if $(HAVE_EXR),exr.o))
 RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o) $(EXR_OBJECTS)
 
-.PHONY: help demo lights facing product render unbiased tables test bench scale fuzz corpus mutants \
-        coverage figures facing-table convergence halftone scene lamps coarse shapes builds \
-        targets importance least-squares again portability portability-setup data setup clean
+.PHONY: help demo check install lights facing product render unbiased tables test bench scale \
+        fuzz corpus mutants coverage figures facing-table convergence halftone scene lamps coarse \
+        shapes builds targets importance least-squares again portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
 
-# A map from a file takes the build that reads EXR too, which needs libopenexr.
-ifdef ENV
-demo: setup $(BUILD)/demo_exr  ## sample made-up maps and draw pictures; ENV=file: that map
-	$(BUILD)/demo_exr -o $(BUILD)/pictures $(ENV)
+# An EXR file takes the build that reads it, and libopenexr, which setup installs.
+ifneq ($(filter %.exr,$(MAP)),)
+demo: setup
+	@$(MAKE) --no-print-directory $(BUILD)/demo_exr
+	$(BUILD)/demo_exr -o $(BUILD)/pictures $(MAP_WORD)
 else
-demo: $(BUILD)/demo
-	$(BUILD)/demo -o $(BUILD)/pictures
+demo: $(BUILD)/demo  ## sample made-up maps and draw pictures; MAP=file: that map
+	$(BUILD)/demo -o $(BUILD)/pictures $(MAP_WORD)
 endif
+
+# What a contributor needs to know at once, in two minutes on two cores. No packages.
+CHECKED = $(addprefix tests/test_, sections.sh snippets.sh) \
+          $(addprefix $(BUILD)/test_, kd_exact kd_warp kd_target cdf mapping bilinear faults zero \
+            steps lights halftone lm common hdr errors)
+check:  ## the tests that most changes need, in two minutes
+	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) \
+	    $(filter $(BUILD)/%,$(CHECKED))
+	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --exec '' $(CHECKED)
 
 # As many jobs at a time as there are cores, unless JOBS or -j says otherwise.
 test: setup  ## build and run all tests
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) $(TESTS) $(EXAMPLES)
 	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --timer --exec '' $(ORDERED)
 
-lights: $(BUILD)/lights  ## a map as directional lights, and pictures; LIGHTS="-k 32 data/city.pfm"
-	$(BUILD)/lights -o $(BUILD)/pictures $(LIGHTS)
+lights: $(BUILD)/lights  ## a map as directional lights, and pictures; MAP=file, LIGHTS="-k 64"
+	$(BUILD)/lights -o $(BUILD)/pictures $(LIGHTS) $(MAP_WORD)
 
-facing: $(BUILD)/facing  ## light x cosine beside light alone and MIS, and a picture; FACING=file
-	$(BUILD)/facing -o $(BUILD)/pictures $(FACING)
+facing: $(BUILD)/facing  ## light x cosine beside light alone and MIS, and a picture; MAP=file
+	$(BUILD)/facing -o $(BUILD)/pictures $(MAP_WORD)
 
 product: $(BUILD)/product  ## product sampling by halftones beside BRDF and SIR, and a picture
-	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT)
+	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT) $(MAP_WORD)
 
-# RENDER="--env data/city.pfm --scene chrome --spp 256"; build/render --help shows all options.
-render: setup  ## a scene lit by a map through Embree, and its picture; RENDER="--scene cube"
+# RENDER="--scene chrome --spp 256"; build/render --help shows all options.
+render: setup  ## a scene under a map, by Embree, and its picture; MAP=file, RENDER=options
 	@$(MAKE) --no-print-directory $(BUILD)/render
 	@mkdir -p $(BUILD)/pictures
-	$(BUILD)/render --out $(BUILD)/pictures/render.png $(RENDER)
+	$(BUILD)/render --out $(BUILD)/pictures/render.png $(if $(MAP),--env $(MAP_WORD)) \
+	    $(RENDER)
 
 # A quarter of an hour on two cores. tests/test_render.sh has a short one.
 unbiased: setup  ## every sampling method of the renderer beside a reference, at 1024 samples
@@ -98,12 +119,12 @@ tables: setup  ## all samplers and lights in the renderer, over the real maps: b
 
 # MAP: sky, studio, constant, night, foliage, or an HDR or PFM file; enlarged to 2048.
 bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
-	$(BUILD)/bench $(MAP)
-	$(BUILD)/cold $(MAP)
-	$(BUILD)/bench_batch $(MAP)
+	$(BUILD)/bench $(MAP_WORD)
+	$(BUILD)/cold $(MAP_WORD)
+	$(BUILD)/bench_batch $(MAP_WORD)
 
 scale: $(BUILD)/scale  ## large maps by row callback, and builds in steps
-	$(BUILD)/scale $(MAP)
+	$(BUILD)/scale $(MAP_WORD)
 
 # SECONDS is for each of the targets build, steps, open, lights, halftone and lm, of which two run
 # at a time; TARGETS="open lm": only these. It needs clang with libFuzzer.
@@ -142,7 +163,7 @@ convergence: $(BUILD)/convergence  ## error of irradiance over the number of sam
 
 # MAP: of the times, as for bench.
 facing-table: $(BUILD)/facing_table  ## light x cosine over the real maps, and its times; MAP=file
-	$(BUILD)/facing_table $(MAP)
+	$(BUILD)/facing_table $(MAP_WORD)
 
 halftone: $(BUILD)/halftone  ## error diffusion: evenness, error of irradiance, counts, time
 	$(BUILD)/halftone
@@ -176,6 +197,13 @@ least-squares: $(BUILD)/least-squares  ## envsamp_lm on 400 problems of all scal
 data: setup $(BUILD)/exr_to_pfm  ## fetch 18 real maps into data/
 	sh examples/common/fetch_data.sh $(DATA) $(BUILD)/exr_to_pfm
 
+install:  ## envsamp.h and a pkg-config file, to PREFIX=/usr/local
+	install -d "$(DESTDIR)$(PREFIX)/include" "$(DESTDIR)$(PREFIX)/share/pkgconfig"
+	install -m 644 envsamp.h "$(DESTDIR)$(PREFIX)/include"
+	printf '%s\n' 'prefix=$(PREFIX)' 'Name: envsamp' 'Version: 0.2.0' \
+	    'Description: importance sampling of environment maps' 'Cflags: -I$${prefix}/include' \
+	    'Libs: -lm' >"$(DESTDIR)$(PREFIX)/share/pkgconfig/envsamp.pc"
+
 setup:  ## install libopenexr-dev and libembree-dev where they are missing
 	@sh tests/setup.sh
 
@@ -200,7 +228,7 @@ $(BUILD)/render: examples/render/render.c $(RENDER_OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(RENDER_OBJECTS) $(RENDER_LIBS) -o $@
 
 $(BUILD)/render_unbiased: $(BUILD)/render_unbiased.o $(RENDER_OBJECTS)
-	$(CC) $(CFLAGS) $^ $(RENDER_LIBS) -o $@
+	$(LINK) $^ $(RENDER_LIBS) -o $@
 
 TABLE_FLAGS   = -DBENCH_FLAGS='"$(CFLAGS)"' -DBENCH_COMMIT='"$(shell git describe --always --dirty \
                   2>/dev/null || echo unknown)"'
@@ -217,31 +245,31 @@ $(BUILD)/image_exr.o: examples/common/image.c $(HEADERS) | $(BUILD)
 
 # An example is a program with the library in it; here it takes the one that is compiled already.
 $(BUILD)/%: examples/%.c $(OBJECTS) $(HEADERS)
-	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) -lm -o $@
+	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) $(LIBM) -o $@
 
 $(BUILD)/demo: examples/demo.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
-	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(BUILD)/baselines.o $(OBJECTS) -lm -o $@
+	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(BUILD)/baselines.o $(OBJECTS) $(LIBM) -o $@
 
 $(BUILD)/demo_exr: examples/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(BUILD)/baselines.o $(EXR_OBJECTS) \
-	    $(EXR_LIBS) -lm -o $@
+	    $(EXR_LIBS) $(LIBM) -o $@
 
 # Alone, as a user has it.
 $(BUILD)/quickstart: examples/quickstart.c $(HEADERS) | $(BUILD)
-	$(COMPILE) $< -lm -o $@
+	$(COMPILE) $< $(LIBM) -o $@
 
 $(BUILD)/exr_to_pfm: $(addprefix examples/common/, exr_to_pfm.c image.c hdr.c exr.c) $(HEADERS) \
                      | $(BUILD)
-	$(COMPILE) $(EXR_CFLAGS) $(filter %.c,$^) $(EXR_LIBS) -lm -o $@
+	$(COMPILE) $(EXR_CFLAGS) $(filter %.c,$^) $(EXR_LIBS) $(LIBM) -o $@
 
 $(BUILD)/bench: bench/bench.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/bench.c $(TIMED) $(COMMON) -lm -o $@
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/bench.c $(TIMED) $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/cold: bench/cold.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/cold.c $(TIMED) $(COMMON) -lm -o $@
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/cold.c $(TIMED) $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/scale: bench/scale.c bench/input.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/scale.c bench/input.c $(COMMON) -lm -o $@
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/scale.c bench/input.c $(COMMON) $(LIBM) -o $@
 
 # The library with AVX2 beside a scalar baseline that is compiled as everything else is.
 $(BUILD)/baselines.o: bench/baselines.c $(HEADERS) | $(BUILD)
@@ -249,31 +277,32 @@ $(BUILD)/baselines.o: bench/baselines.c $(HEADERS) | $(BUILD)
 
 $(BUILD)/bench_batch: bench/bench_batch.c bench/input.c $(BUILD)/baselines.o $(COMMON) $(HEADERS)
 	$(COMPILE) $(BATCH_FLAGS) -DBENCH_FLAGS='"$(BATCH_FLAGS)"' bench/bench_batch.c bench/input.c \
-	    $(BUILD)/baselines.o $(COMMON) -lm -o $@
+	    $(BUILD)/baselines.o $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/convergence: bench/convergence.c $(PLOTTED) $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/convergence.c $(PLOTTED) tests/inside.c $(COMMON) -lm -o $@
+	$(COMPILE) bench/convergence.c $(PLOTTED) tests/inside.c $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/facing_table: bench/facing.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/facing.c $(TIMED) tests/inside.c $(COMMON) -lm -o $@
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/facing.c $(TIMED) tests/inside.c $(COMMON) \
+	    $(LIBM) -o $@
 
 $(BUILD)/halftone: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c tests/inside.c \
-	    $(COMMON) -lm -o $@
+	    $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/scene: bench/lights.c bench/baselines.c examples/render/rivals.c $(COMMON) $(HEADERS) \
                 | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' $(filter %.c,$^) tests/inside.c -lm -o $@
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' $(filter %.c,$^) tests/inside.c $(LIBM) -o $@
 
 $(BUILD)/light_sets: bench/light_sets.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/light_sets.c tests/inside.c $(COMMON) -lm -o $@
+	$(COMPILE) bench/light_sets.c tests/inside.c $(COMMON) $(LIBM) -o $@
 
 # Made again each time: one does not see of which header they are.
 $(BUILD)/coarse $(BUILD)/shapes: $(BUILD)/%: bench/%.c $(COMMON) $(HEADERS) again | $(BUILD)
-	$(COMPILE) $(OTHER_HEADER) $(filter %.c,$^) -lm -o $@
+	$(COMPILE) $(OTHER_HEADER) $(filter %.c,$^) $(LIBM) -o $@
 
 # Two versions in one program, if HEADER names another.
-VERSION = $(CC) -std=c99 $(CFLAGS) -I. bench/builds_version.c
+VERSION = $(SAY)$(CC) -std=c99 $(CFLAGS) -I. bench/builds_version.c
 $(BUILD)/builds: bench/builds.c bench/builds_version.c $(TIMED) $(COMMON) $(OBJECTS) $(HEADERS) \
                  again
 	$(VERSION) -DVERSION=builds_now -c -o $(BUILD)/builds_now.o
@@ -281,22 +310,22 @@ $(BUILD)/builds: bench/builds.c bench/builds_version.c $(TIMED) $(COMMON) $(OBJE
 	    -o $(BUILD)/builds_before.o)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' $(if $(HEADER),-DWITH_BEFORE) bench/builds.c $(TIMED) \
 	    $(COMMON) $(BUILD)/builds_now.o $(if $(HEADER),$(BUILD)/builds_before.o) \
-	    $(BUILD)/envsamp.o tests/inside.c -lm -o $@
+	    $(BUILD)/envsamp.o tests/inside.c $(LIBM) -o $@
 
 $(BUILD)/importance: bench/importance.c examples/common/picture.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/importance.c tests/inside.c examples/common/picture.c $(COMMON) -lm -o $@
+	$(COMPILE) bench/importance.c tests/inside.c examples/common/picture.c $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/targets: bench/targets.c bench/input.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/targets.c bench/input.c tests/inside.c $(COMMON) \
-	    -lm -o $@
+	    $(LIBM) -o $@
 
 $(BUILD)/least-squares: tests/test_lm_scales.c
 $(BUILD)/lamps: tests/test_lights_lamps.c $(COMMON)
 $(BUILD)/least-squares $(BUILD)/lamps: $(HEADERS) again | $(BUILD)
-	$(COMPILE) -DENVSAMP_IMPLEMENTATION $(OTHER_HEADER) $(filter %.c,$^) -lm -o $@
+	$(COMPILE) -DENVSAMP_IMPLEMENTATION $(OTHER_HEADER) $(filter %.c,$^) $(LIBM) -o $@
 
 $(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/figures.c tests/inside.c $(COMMON) -lm -o $@
+	$(COMPILE) bench/figures.c tests/inside.c $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/test_fuzz.o: tests/fuzz.c
 
@@ -308,4 +337,4 @@ $(BUILD)/test_rivals: $(BUILD)/render_rivals.o
 $(BUILD)/test_work.o: override CFLAGS += -finstrument-functions
 
 $(BUILD)/test_%: $(BUILD)/test_%.o $(TEST_OBJECTS)
-	$(CC) $(CFLAGS) $^ $(EXR_LIBS) -lm -o $@
+	$(LINK) $^ $(EXR_LIBS) $(LIBM) -o $@

@@ -230,6 +230,8 @@ static void lights_cell(program *p, const stage *s, const char *table, const cha
         return;
     picture = make_picture(s);
     make_list(&list, of, count, s);
+    if (of->reduce > 1 && !strcmp(of->method, "relaxed"))
+        lights_mark(&list, LIGHTS_LAMP);    /* DECOMPOSED tells its lamps itself */
     memset(&job, 0, sizeof job);
     job.scene = s->scene;
     job.environment = &s->environment;
