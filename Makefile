@@ -60,9 +60,10 @@ EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o hdr.o maps.o picture
 RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o) $(EXR_OBJECTS)
 
-.PHONY: help demo check install lights facing product render unbiased tables test bench scale \
-        fuzz corpus mutants coverage figures facing-table convergence halftone scene lamps coarse \
-        shapes builds targets importance least-squares again portability portability-setup data setup clean
+.PHONY: help demo check install lights facing product render unbiased gallery tables test bench \
+        scale fuzz corpus mutants coverage figures facing-table convergence halftone scene lamps \
+        coarse shapes builds targets importance least-squares again portability \
+        portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -111,6 +112,16 @@ render: setup  ## a scene under a map, by Embree, and its picture; MAP=file, REN
 unbiased: setup  ## every sampling method of the renderer beside a reference, at 1024 samples
 	@$(MAKE) --no-print-directory $(BUILD)/render_unbiased
 	$(BUILD)/render_unbiased -t $(JOBS) 1024
+
+# The real maps, where make data has fetched them.
+gallery: setup  ## every picture of the README, in build/pictures
+	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip demo lights facing product)
+	@mkdir -p $(BUILD)/pictures $(BUILD)/references
+	$(BUILD)/strip -t $(JOBS) $(MAP_WORD)
+	$(BUILD)/demo -o $(BUILD)/pictures
+	$(BUILD)/lights -k 32 -o $(BUILD)/pictures sky
+	$(BUILD)/facing -o $(BUILD)/pictures
+	$(BUILD)/product -o $(BUILD)/pictures
 
 # TABLES="samplers calls": only these. What is done is kept; an hour and a half on two cores.
 tables: setup  ## all samplers and lights in the renderer, over the real maps: bench/results
@@ -229,6 +240,9 @@ $(BUILD)/render: examples/render/render.c $(RENDER_OBJECTS) $(HEADERS)
 
 $(BUILD)/render_unbiased: $(BUILD)/render_unbiased.o $(RENDER_OBJECTS)
 	$(LINK) $^ $(RENDER_LIBS) -o $@
+
+$(BUILD)/strip: bench/strip.c bench/stage.c $(BUILD)/errors.o $(RENDER_OBJECTS) $(HEADERS)
+	$(COMPILE) $(filter %.c %.o,$^) $(RENDER_LIBS) -o $@
 
 TABLE_FLAGS   = -DBENCH_FLAGS='"$(CFLAGS)"' -DBENCH_COMMIT='"$(shell git describe --always --dirty \
                   2>/dev/null || echo unknown)"'

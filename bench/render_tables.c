@@ -137,6 +137,18 @@ static void sample_cell(program *p, const stage *s, const char *table, const cha
     method_close(&by);
 }
 
+/* Processor time of a sample of the whole picture. */
+static double sample_seconds(const stage *s, const table_method *of)
+{
+    method by = open_method(s, of);
+    image picture = make_picture(s);
+    const double time = stage_render(s, &by, 4, 0, SEED, &picture) / 4.0;
+
+    method_close(&by);
+    image_free(&picture);
+    return time;
+}
+
 /* Seconds of processor time a sample of the whole picture: the least of three turns. */
 static void time_methods(program *p, const stage *s, const char *table, const char *where)
 {
@@ -260,8 +272,6 @@ static void measure_lights(program *p, const char *where)
     stage s;
     int i;
 
-    if (is_done(p, "lights-time", where, mis[1].label))
-        return;
     open_stage(p, &s, where, 1);
     for (i = 0; i < TABLE_LIGHTS; i++)
         lights_cell(p, &s, "lights", where, &table_lights_all[i], count);
@@ -274,16 +284,10 @@ static void measure_lights(program *p, const char *where)
             lights_cell(p, &s, "lights-time", where, &table_lights_all[i],
                         (int)fmin(fmax(fits + 0.5, 1.0), 4.0 * count));
     }
-    for (i = 0; i < 2; i++) {
-        method by = open_method(&s, &mis[i]);
-        image picture = make_picture(&s);
-        const double time = stage_render(&s, &by, 4, 0, SEED, &picture) / 4.0;
-
-        method_close(&by);
-        image_free(&picture);
-        sample_cell(p, &s, "lights-time", where, &mis[i],
-                    (uint32_t)fmax(budget / time + 0.5, 1.0), 0);
-    }
+    for (i = 0; i < 2; i++)
+        if (!is_done(p, "lights-time", where, mis[i].label))
+            sample_cell(p, &s, "lights-time", where, &mis[i],
+                        (uint32_t)fmax(budget / sample_seconds(&s, &mis[i]) + 0.5, 1.0), 0);
     stage_close(&s);
 }
 
