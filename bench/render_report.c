@@ -16,6 +16,7 @@ const char *const report_maps[REPORT_MAPS] = {
 
 const table_method table_methods[TABLE_METHODS] = {
     {"inversion+mis", "inversion+mis", 0.0f, 0.0f, 0},
+    {"inversion+mis c 1", "inversion+mis", 1.0f, 0.0f, 0},
     {"cdf+mis", "cdf+mis", 0.0f, 0.0f, 0},
     {"kd-alias+mis", "kd-alias+mis", 0.0f, 0.0f, 0},
     {"kd-warp+mis", "kd-warp+mis", 0.0f, 0.0f, 0},
@@ -193,6 +194,15 @@ static void print_ratio(FILE *out, const ratios *r)
         fprintf(out, " | |");
 }
 
+/* A column; empty where it was not measured. */
+static void print_number(FILE *out, double value)
+{
+    if (value == value)
+        fprintf(out, " %.2f |", value);
+    else
+        fprintf(out, " |");
+}
+
 static void print_samplers(FILE *out, const cells *all, const char *table, const char *title)
 {
     const char *base = table_methods[0].label;
@@ -278,19 +288,23 @@ static void print_ergun(FILE *out, const cells *all)
     for (m = 0; m < 3; m++)
         for (s = 0; s < TABLE_SCENES; s++)
             for (i = 1; i < TABLE_ERGUN; i++) {
-                fprintf(out, "| %s | %s | %s |", maps[m], table_scenes[s], table_ergun[i].label);
+                const char *label = table_ergun[i].label, *base = table_ergun[0].label;
+
+                if (!(value_at(all, "ergun-8", maps[m], table_scenes[s], label, CELL_PSNR) >= 0.0))
+                    continue;
+                fprintf(out, "| %s | %s | %s |", maps[m], table_scenes[s], label);
                 for (count = 8; count <= 64; count *= 2) {
                     snprintf(table, sizeof table, "ergun-%d", count);
-                    fprintf(out, " %.2f |", value_at(all, table, maps[m], table_scenes[s],
-                                                     table_ergun[0].label, CELL_SECONDS)
-                                            / value_at(all, table, maps[m], table_scenes[s],
-                                                       table_ergun[i].label, CELL_SECONDS));
+                    print_number(out, value_at(all, table, maps[m], table_scenes[s], base,
+                                               CELL_SECONDS)
+                                      / value_at(all, table, maps[m], table_scenes[s], label,
+                                                 CELL_SECONDS));
                 }
-                fprintf(out, " %.2f | %.2f |\n",
-                        value_at(all, "ergun-time", maps[m], table_scenes[s],
-                                 table_ergun[i].label, CELL_PSNR),
-                        value_at(all, "ergun-8", maps[m], table_scenes[s], table_ergun[0].label,
-                                 CELL_PSNR));
+                print_number(out, value_at(all, "ergun-time", maps[m], table_scenes[s], label,
+                                           CELL_PSNR));
+                print_number(out, value_at(all, "ergun-8", maps[m], table_scenes[s], base,
+                                           CELL_PSNR));
+                fprintf(out, "\n");
             }
 }
 
@@ -303,8 +317,8 @@ static void print_product(FILE *out, const cells *all)
     if (!compare(all, "product", "double", "product", "bsdf", CELL_RELATIVE).count)
         return;
     fprintf(out, "\n## Product sampling, [Szirmay-Kalos et al.] figures 1.6 and 1.7\n\n32 samples "
-            "a pixel: relative RMSE and time over those of BSDF samples.\n\n| method | RMSE | worst "
-            "map | time |\n|---|---|---|---|\n");
+            "a pixel: relative RMSE and time over those of BSDF samples.\n\n| method | RMSE | "
+            "worst map | time |\n|---|---|---|---|\n");
     for (i = 0; i < (int)(sizeof methods / sizeof methods[0]); i++) {
         const ratios error = compare(all, "product", methods[i], "product", "bsdf", CELL_RELATIVE);
 
@@ -322,9 +336,9 @@ static void print_calls(FILE *out, const cells *all)
     if (!(mean_of(all, "calls-sample", table_calls[0].label, CELL_OWN) >= 0.0))
         return;
     fprintf(out, "\n## Calls in a renderer\n\nNanoseconds of a call while a frame of direct light "
-            "is rendered by one thread: rays evict tables\nbetween calls. Mean over maps and scenes, "
-            "methods by turns; what reading the clock costs is taken off.\n\n| method | sample | "
-            "pdf |\n|---|---|---|\n");
+            "is rendered by one thread: rays evict tables\nbetween calls. Mean over maps and "
+            "scenes, methods by turns; what reading the clock costs is taken off.\n\n| method | "
+            "sample | pdf |\n|---|---|---|\n");
     for (i = 0; i < TABLE_CALLS; i++)
         fprintf(out, "| %s | %.0f | %.0f |\n", table_calls[i].label,
                 mean_of(all, "calls-sample", table_calls[i].label, CELL_OWN),
@@ -344,8 +358,8 @@ int report_write(const cells *all, const char *path, const char *header, char *e
     if (!out)
         return image_fail(error, error_size, path, "cannot be written");
     fprintf(out, "# The renderer's tables (make tables)\n\n```\n%s\n```\n\n%zu cells in "
-            "render.csv. Maps: 18 real ones at 512x256; scenes: vase, cube, knot, chrome.\n", header,
-            all->count);
+            "render.csv. Maps: 18 real ones at 512x256; scenes: vase, cube, knot, chrome.\n",
+            header, all->count);
     print_samplers(out, all, "samplers", "direct light");
     print_samplers(out, all, "bounces", "5 bounces");
     print_calls(out, all);

@@ -22,7 +22,7 @@ typedef struct table_lights {
 } table_lights;
 
 #define TABLE_SCENES 4
-#define TABLE_METHODS 14
+#define TABLE_METHODS 15
 #define TABLE_LIGHTS 12
 #define TABLE_ERGUN 5
 #define TABLE_PRODUCT 5

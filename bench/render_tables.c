@@ -149,6 +149,16 @@ static double sample_seconds(const stage *s, const table_method *of)
     return time;
 }
 
+/* Whether all methods have their cells. */
+static int all_done(const program *p, const char *table, const char *where)
+{
+    int i = 0;
+
+    while (i < TABLE_METHODS && is_done(p, table, where, table_methods[i].label))
+        i++;
+    return i == TABLE_METHODS;
+}
+
 /* Seconds of processor time a sample of the whole picture: the least of three turns. */
 static void time_methods(program *p, const stage *s, const char *table, const char *where)
 {
@@ -158,7 +168,7 @@ static void time_methods(program *p, const stage *s, const char *table, const ch
     method by[TABLE_METHODS];
     int i, round;
 
-    if (is_done(p, table, where, table_methods[TABLE_METHODS - 1].label))
+    if (all_done(p, table, where))
         return;
     for (i = 0; i < TABLE_METHODS; i++)
         by[i] = open_method(s, &table_methods[i]);
@@ -189,7 +199,7 @@ static void measure_samplers(program *p, const char *where, int bounces)
     snprintf(alone, sizeof alone, "%s-independent", table);
     snprintf(equal, sizeof equal, "%s-time", table);
     snprintf(cost, sizeof cost, "%s-cost", table);
-    if (is_done(p, equal, where, table_methods[TABLE_METHODS - 1].label))
+    if (all_done(p, equal, where))
         return;
     open_stage(p, &s, where, bounces);
     time_methods(p, &s, cost, where);

@@ -204,9 +204,11 @@ static float pdf_cdf(const void *table, const float axis[3], const float dir[3])
 static int prepare_inversion(const environment *e, const sampler_options *options, void **table,
                              char *error, size_t error_size)
 {
-    if (!has_no_options(options, error, error_size))
+    if (options->importance_exponent > 0.0f) {
+        snprintf(error, error_size, "this method has no exponent");
         return 0;
-    *table = inversion_make(e->map);
+    }
+    *table = inversion_make(e->map, options->mis_compensation);
     return *table ? 1 : refused(ENVSAMP_ERR_BLACK, error, error_size);
 }
 

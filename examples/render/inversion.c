@@ -54,7 +54,35 @@ static double make_cdf(const float *weights, int count, float *cdf)
     return sum;
 }
 
-inversion *inversion_make(const image *map)
+static float row_sine(const image *map, int y)
+{
+    return sinf(VEC_PI * ((float)y + 0.5f) / (float)map->height);
+}
+
+/* Weights of all texels, in place of densities; less `compensation` times their mean, unless that
+   leaves nothing. */
+static void weigh_texels(const image *map, float compensation, float *weight)
+{
+    const size_t width = (size_t)map->width, count = width * (size_t)map->height;
+    double sum = 0.0, sines = 0.0;
+    float most = 0.0f, dim;
+    size_t i;
+
+    for (i = 0; i < count; i++) {
+        const int y = (int)(i / width);
+
+        weight[i] = dilated(map, (int)(i % width), y);
+        sum += (double)(weight[i] * row_sine(map, y));
+        sines += (double)row_sine(map, y);
+        most = fmaxf(most, weight[i]);
+    }
+    dim = compensation * (float)(sum / sines);
+    dim = dim < 0.999f * most ? dim : 0.0f;
+    for (i = 0; i < count; i++)
+        weight[i] = row_sine(map, (int)(i / width)) * fmaxf(weight[i] - dim, 0.0f);
+}
+
+inversion *inversion_make(const image *map, float compensation)
 {
     const size_t width = (size_t)map->width, height = (size_t)map->height;
     const size_t floats = 2 * height + 1 + height * (2 * width + 1);
@@ -71,12 +99,10 @@ inversion *inversion_make(const image *map)
     table->conditional = table->marginal + height + 1;
     table->density = table->conditional + height * (width + 1);
     rows = table->density + height * width;
+    weigh_texels(map, compensation, table->density);
     for (y = 0; y < map->height; y++) {
-        const float sine = sinf(VEC_PI * ((float)y + 0.5f) / (float)map->height);
         float *row = table->density + (size_t)y * width;
 
-        for (x = 0; x < map->width; x++)
-            row[x] = sine * dilated(map, x, y);
         rows[y] = (float)make_cdf(row, map->width,
                                   table->conditional + (size_t)y * (width + 1));
         sum += (double)rows[y];

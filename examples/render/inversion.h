@@ -1,6 +1,6 @@
 /* inversion.h: what renderers ship: inversion of the CDF over all texels by binary search.
  *
- *     inversion *table = inversion_make(&map);
+ *     inversion *table = inversion_make(&map, 0.0f);
  *     envsamp_sample s = inversion_sample(table, u0, u1);
  *     float pdf = inversion_pdf(table, dir);
  *     free(table);
@@ -17,8 +17,9 @@
 
 typedef struct inversion inversion;
 
-/* One block of memory, to be freed with free; NULL if memory is short or the map is black. */
-inversion *inversion_make(const image *map);
+/* One block of memory, to be freed with free; NULL if memory is short or the map is black.
+   compensation: 0 none .. 1 full, as mis_compensation of the library, for MIS alone. */
+inversion *inversion_make(const image *map, float compensation);
 
 size_t inversion_bytes(const inversion *table);
 
