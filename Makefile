@@ -28,7 +28,8 @@ RENDER_LIBS   = -l$(or $(EMBREE),embree3) $(EXR_LIBS) -pthread -lm
 RENDER_PARTS := scene shapes material environment inversion integrator lights upsample product tiles
 
 COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
-EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr \
+EXAMPLES := $(addprefix $(BUILD)/, quickstart path_tracer lights halftone table_file placement \
+              lights_gallery facing product demo_exr \
               $(if $(EMBREE),render render_unbiased))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
@@ -71,8 +72,8 @@ test: setup  ## build and run all tests
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) $(TESTS) $(EXAMPLES)
 	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --timer --exec '' $(ORDERED)
 
-lights: $(BUILD)/lights  ## a map as directional lights, and pictures; LIGHTS="-k 32 data/city.pfm"
-	$(BUILD)/lights -o $(BUILD)/pictures $(LIGHTS)
+lights: $(BUILD)/lights_gallery  ## a map as directional lights, and pictures; LIGHTS="-k 32 data/city.pfm"
+	$(BUILD)/lights_gallery -o $(BUILD)/pictures $(LIGHTS)
 
 facing: $(BUILD)/facing  ## light x cosine beside light alone and MIS, and a picture; FACING=file
 	$(BUILD)/facing -o $(BUILD)/pictures $(FACING)
@@ -144,8 +145,8 @@ convergence: $(BUILD)/convergence  ## error of irradiance over the number of sam
 facing-table: $(BUILD)/facing_table  ## light x cosine over the real maps, and its times; MAP=file
 	$(BUILD)/facing_table $(MAP)
 
-halftone: $(BUILD)/halftone  ## error diffusion: evenness, error of irradiance, counts, time
-	$(BUILD)/halftone
+halftone: $(BUILD)/halftone_table  ## error diffusion: evenness, irradiance, counts, time
+	$(BUILD)/halftone_table
 
 scene: $(BUILD)/scene $(BUILD)/light_sets  ## a map as 16 to 64 lights, by every method, in scenes
 	$(BUILD)/scene
@@ -219,6 +220,9 @@ $(BUILD)/image_exr.o: examples/common/image.c $(HEADERS) | $(BUILD)
 $(BUILD)/%: examples/%.c $(OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) -lm -o $@
 
+$(BUILD)/lights_gallery: bench/lights_gallery.c $(OBJECTS) $(HEADERS)
+	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) -lm -o $@
+
 $(BUILD)/demo: examples/demo.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(BUILD)/baselines.o $(OBJECTS) -lm -o $@
 
@@ -227,8 +231,9 @@ $(BUILD)/demo_exr: examples/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS
 	    $(EXR_LIBS) -lm -o $@
 
 # Alone, as a user has it.
-$(BUILD)/quickstart: examples/quickstart.c $(HEADERS) | $(BUILD)
-	$(COMPILE) $< -lm -o $@
+$(BUILD)/quickstart: $(addprefix examples/, quickstart.c common/image.c common/hdr.c) $(HEADERS) \
+                     | $(BUILD)
+	$(COMPILE) $(filter %.c,$^) -lm -o $@
 
 $(BUILD)/exr_to_pfm: $(addprefix examples/common/, exr_to_pfm.c image.c hdr.c exr.c) $(HEADERS) \
                      | $(BUILD)
@@ -257,7 +262,7 @@ $(BUILD)/convergence: bench/convergence.c $(PLOTTED) $(COMMON) $(HEADERS) | $(BU
 $(BUILD)/facing_table: bench/facing.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/facing.c $(TIMED) tests/inside.c $(COMMON) -lm -o $@
 
-$(BUILD)/halftone: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
+$(BUILD)/halftone_table: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c tests/inside.c \
 	    $(COMMON) -lm -o $@
 

@@ -1,5 +1,6 @@
 /* image.c: memory, PFM and PNG for image.h; PNG through a deflate encoder of its own. */
 #include "image.h"
+#include "load.h"
 
 #include "hdr.h"
 #ifdef HAVE_OPENEXR
@@ -1008,4 +1009,20 @@ int image_write_png(const char *path, int width, int height, const unsigned char
     free(filtered);
     free(png.bytes);
     return done;
+}
+
+/* ---- load.h ---- */
+
+float *load_map(const char *path, int *width, int *height)
+{
+    char error[512];
+    image map;
+
+    if (!image_read(path, &map, error, sizeof error)) {
+        fprintf(stderr, "%s\n", error);
+        return NULL;
+    }
+    *width = map.width;
+    *height = map.height;
+    return map.rgb;
 }
