@@ -29,7 +29,7 @@ RENDER_PARTS := scene shapes material environment inversion integrator lights up
 
 COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
 EXAMPLES := $(addprefix $(BUILD)/, quickstart path_tracer lights halftone table_file placement \
-              lights_gallery facing product demo_exr \
+              lights_gallery facing_gallery product demo_exr \
               $(if $(EMBREE),render render_unbiased))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
@@ -75,8 +75,8 @@ test: setup  ## build and run all tests
 lights: $(BUILD)/lights_gallery  ## a map as directional lights, and pictures; LIGHTS="-k 32 data/city.pfm"
 	$(BUILD)/lights_gallery -o $(BUILD)/pictures $(LIGHTS)
 
-facing: $(BUILD)/facing  ## light x cosine beside light alone and MIS, and a picture; FACING=file
-	$(BUILD)/facing -o $(BUILD)/pictures $(FACING)
+facing: $(BUILD)/facing_gallery  ## light x cosine beside light alone and MIS, and a picture; FACING=file
+	$(BUILD)/facing_gallery -o $(BUILD)/pictures $(FACING)
 
 product: $(BUILD)/product  ## product sampling by halftones beside BRDF and SIR, and a picture
 	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT)
@@ -220,13 +220,13 @@ $(BUILD)/image_exr.o: examples/common/image.c $(HEADERS) | $(BUILD)
 $(BUILD)/%: examples/%.c $(OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) -lm -o $@
 
-$(BUILD)/lights_gallery: bench/lights_gallery.c $(OBJECTS) $(HEADERS)
+$(BUILD)/%_gallery: bench/%_gallery.c $(OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) -lm -o $@
 
-$(BUILD)/demo: examples/demo.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
+$(BUILD)/demo: bench/demo.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(BUILD)/baselines.o $(OBJECTS) -lm -o $@
 
-$(BUILD)/demo_exr: examples/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS)
+$(BUILD)/demo_exr: bench/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(BUILD)/baselines.o $(EXR_OBJECTS) \
 	    $(EXR_LIBS) -lm -o $@
 

@@ -8,17 +8,17 @@
  * glossy sphere in their light. No packages are needed.
  */
 #define ENVSAMP_IMPLEMENTATION
-#include "envsamp.h"
+#include "../envsamp.h"
 
 enum { RANDOM, PUBLISHED, HALFTONE, MEDIAN_CUT, VARIANCE_CUT, DECOMPOSED, RELAXED, METHOD_COUNT };
 
-#include "folder.h"
-#include "irradiance.h"
-#include "map_pictures.h"
-#include "maps.h"
+#include "../examples/common/folder.h"
+#include "../examples/common/irradiance.h"
+#include "../examples/common/map_pictures.h"
+#include "../examples/common/maps.h"
 
 #define SPHERE_SAMPLERS METHOD_COUNT
-#include "spheres.h"
+#include "../examples/common/spheres.h"
 
 #define MADE_WIDTH 512
 #define MADE_HEIGHT 256

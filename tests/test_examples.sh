@@ -29,11 +29,11 @@ report $? "lights: a missing map: $(head -n 1 "$tmp/err" | sed "s#$tmp/##g")"
 build/lights_gallery -k 0 >"$tmp/out" 2>"$tmp/err"
 [ $? = 1 ] && grep -q usage "$tmp/err"
 report $? "lights: no lights"
-build/facing -q >"$tmp/out" 2>"$tmp/err"
+build/facing_gallery -q >"$tmp/out" 2>"$tmp/err"
 report $? "light x cosine has 0.6 of the error of light alone and of MIS"
 [ "$(grep -cE '^(LIGHT|FACING)(, MIS)? +[0-9.]+ +[0-9.]+ +(0\.99|1\.00)[0-9]* ' "$tmp/out")" = 8 ]
 report $? "with the mean of the reference, by each of four ways"
-build/facing -q "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
+build/facing_gallery -q "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
 [ $? = 1 ] && grep -qF missing.pfm "$tmp/err"
 report $? "facing: a missing map: $(head -n 1 "$tmp/err" | sed "s#$tmp/##g")"
 
