@@ -181,8 +181,10 @@ static void moments_add(moments *m, double light, const double map_dir[3])
         m->first[k] += light * map_dir[k];
 }
 
-/* Of the faces. With equal weights every texel has a sixth of the sphere over their number. */
-static moments moments_of_faces(const padded *p, int equal)
+enum { ALL, EQUAL_WEIGHTS, UPPER_HALF };
+
+/* Of the faces. By equal weights every texel has a sixth of the sphere over their number. */
+static moments moments_of_faces(const padded *p, int what)
 {
     const int side = SIZE * SPLIT;
     moments m = { 0.0, { 0.0, 0.0, 0.0 } };
@@ -195,7 +197,8 @@ static moments moments_of_faces(const padded *p, int equal)
 
             point_of(face, x, y, point);
             square = point[0] * point[0] + point[1] * point[1] + point[2] * point[2];
-            sr = equal ? 4.0 * PI / 6.0 : 4.0 / (square * sqrt(square));
+            sr = what == EQUAL_WEIGHTS ? 4.0 * PI / 6.0 : 4.0 / (square * sqrt(square));
+            sr = what == UPPER_HALF && point[1] < 0.0 ? 0.0 : sr;
             dir[0] = point[0] / sqrt(square);
             dir[1] = -point[2] / sqrt(square);
             dir[2] = point[1] / sqrt(square);
@@ -209,12 +212,13 @@ static moments moments_of_map(const cube_map *map)
 {
     const int width = map->image.width, height = map->image.height;
     const int octahedral = map->image.mapping == ENVSAMP_OCTAHEDRAL;
+    const double angle = map->image.mapping == ENVSAMP_HEMISPHERE ? 0.5 * PI : PI;
     float *row = (float *)malloc((size_t)width * 3 * sizeof *row);
     moments m = { 0.0, { 0.0, 0.0, 0.0 } };
     int x, y, i;
 
     for (y = 0; y < height && row; y++) {
-        const double north = cos(PI * y / height), south = cos(PI * (y + 1) / height);
+        const double north = cos(angle * y / height), south = cos(angle * (y + 1) / height);
         const double sr = octahedral ? 4.0 * PI / ((double)width * height)
                         : 2.0 * PI / width * (north - south);
 
@@ -223,7 +227,7 @@ static moments moments_of_map(const cube_map *map)
             for (i = 0; i < 16; i++) {
                 const double u = (x + (i % 4 + 0.5) / 4.0) / width, in = (i / 4 + 0.5) / 4.0;
                 const double v = octahedral ? (y + in) / height
-                               : acos(north * (1.0 - in) + south * in) / PI;
+                               : acos(north * (1.0 - in) + south * in) / angle;
                 float dir[3];
                 double d[3];
 
@@ -281,6 +285,8 @@ static void test_lookup(faces *f, padded *p, int scene)
           scene_names[scene], worst, most);
 }
 
+static const char *const mapping_names[3] = { "lat-long", "hemisphere", "octahedral" };
+
 #define SUM_OFF 0.002           /* relative; no texel of a face is left out, or counts twice */
 #define MOVED   0.007           /* a texel of a map, 5.6 degrees wide, spreads what is in it */
 
@@ -291,14 +297,13 @@ static void test_map(faces *f, padded *p, int scene, envsamp_mapping mapping)
 
     faces_make(f, scene);
     pad(f, p);
-    exact = moments_of_faces(p, 0);
+    exact = moments_of_faces(p, mapping == ENVSAMP_HEMISPHERE ? UPPER_HALF : ALL);
     map = cube_map_make(&f->as, mapping);
     got = moments_of_map(&map);
     CHECK(exact.sum > 0.0 && IS_NEAR(got.sum / exact.sum, 1.0, SUM_OFF)
           && IS_NEAR(moved(&got, &exact), 0.0, MOVED),
           "%s, %s: integral %.5f of %.5f, moved by %.5f", scene_names[scene],
-          mapping == ENVSAMP_OCTAHEDRAL ? "octahedral" : "lat-long", got.sum, exact.sum,
-          moved(&got, &exact));
+          mapping_names[mapping], got.sum, exact.sum, moved(&got, &exact));
 }
 
 static void exchange(faces *f, int a, int b)
@@ -350,7 +355,7 @@ static void test_controls(faces *f, padded *p)
             f->rgb[0][i] *= x < 4 && y < 4 ? 10.0f : 1.0f;
         }
         pad(f, p);
-        exact = moments_of_faces(p, 0);
+        exact = moments_of_faces(p, ALL);
         if (control == SIDES || control == POLES || control == ENDS)
             exchange(f, 2 * (control - SIDES), 2 * (control - SIDES) + 1);
         else
@@ -369,8 +374,8 @@ static void test_weights(faces *f, padded *p, int scene)
 
     faces_make(f, scene);
     pad(f, p);
-    exact = moments_of_faces(p, 0);
-    equal = moments_of_faces(p, 1);
+    exact = moments_of_faces(p, ALL);
+    equal = moments_of_faces(p, EQUAL_WEIGHTS);
     CHECK(fabs(equal.sum / exact.sum - 1.0) > 20.0 * SUM_OFF,
           "rejected: %s, every texel of the same weight: %.3f of the light", scene_names[scene],
           equal.sum / exact.sum);
@@ -391,7 +396,7 @@ static void test_table(faces *f, padded *p, int scene, envsamp_mapping mapping)
 
     faces_make(f, scene);
     pad(f, p);
-    exact = moments_of_faces(p, 0);
+    exact = moments_of_faces(p, ALL);
     map = cube_map_make(&f->as, mapping);
     envsamp_kd_sizes(&map.image, NULL, &sizes);
     table.data = malloc(table.bytes = sizes.table_bytes);
@@ -414,7 +419,7 @@ static void test_table(faces *f, padded *p, int scene, envsamp_mapping mapping)
     }
     CHECK(IS(result, ENVSAMP_OK) && IS(missed, 0) && IS_NEAR(sum / exact.sum, 1.0, 0.005),
           "%s, %s: by draws %.5f of %.5f; without density %d", scene_names[scene],
-          mapping == ENVSAMP_OCTAHEDRAL ? "octahedral" : "lat-long", sum, exact.sum, missed);
+          mapping_names[mapping], sum, exact.sum, missed);
     free(table.data);
 }
 
@@ -428,6 +433,8 @@ int main(void)
         test_lookup(&f, &p, scene);
         test_map(&f, &p, scene, ENVSAMP_LATLONG);
         test_map(&f, &p, scene, ENVSAMP_OCTAHEDRAL);
+        if (scene != EDGE && scene != CORNER)   /* whose upper half is dark, or nearly */
+            test_map(&f, &p, scene, ENVSAMP_HEMISPHERE);
         test_table(&f, &p, scene, ENVSAMP_LATLONG);
         test_table(&f, &p, scene, ENVSAMP_OCTAHEDRAL);
     }
