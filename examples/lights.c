@@ -102,11 +102,11 @@ static int write_lights(const char *path, const envsamp_light *lights, int count
     const size_t length = strlen(path);
     char temporary[IMAGE_PATH_MAX];
     const int standard = !strcmp(path, "-");
-    FILE *file = standard ? stdout : NULL;
+    FILE *file = stdout;
 
-    if (!standard && image_temporary_path(path, temporary, error, 512))
-        file = fopen(temporary, "w");
-    if (!file)
+    if (!standard && !image_temporary_path(path, temporary, error, 512))
+        return 0;
+    if (!standard && !(file = fopen(temporary, "w")))
         return image_fail(error, 512, path, "cannot be created");
     if (length > 5 && !strcmp(path + length - 5, ".gltf"))
         write_gltf(file, lights, count);

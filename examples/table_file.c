@@ -78,7 +78,7 @@ static int save(const char *map_path, const char *path, char *error)
 #if defined(__unix__) || defined(__APPLE__)
 static void *map_file(const char *path, size_t *bytes, char *error)
 {
-    const int file = open(path, O_RDONLY);
+    const int file = open(path, O_RDONLY | O_NONBLOCK);     /* a pipe ends at once */
     struct stat status;
     void *data = MAP_FAILED;
 

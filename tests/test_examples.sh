@@ -110,6 +110,13 @@ fails "lights: a missing map" missing.hdr build/lights "$tmp/missing.hdr" 8 "$tm
 fails "lights: a black map" black.pfm build/lights "$tmp/black.pfm" 8 "$tmp/none"
 fails "lights: no folder" nowhere build/lights sky 8 "$tmp/nowhere/lights.txt"
 fails "lights: no lights" usage build/lights sky 0 "$tmp/none"
+mkfifo "$tmp/pipe"
+fails "lights: a pipe to write to" pipe build/lights sky 8 "$tmp/pipe"
+fails "path_tracer: a pipe to write to" pipe build/path_tracer sky "$tmp/pipe" 1
+fails "table_file: a pipe to write to" pipe build/table_file sky "$tmp/pipe"
+fails "table_file: a pipe to read" mapped build/table_file "$tmp/pipe"
+[ -p "$tmp/pipe" ]
+report $? "which is still there"
 
 build/halftone >"$tmp/out" 2>"$tmp/err" &&
     awk '{ seen[$1] = $2; half[$1] = $3 }

@@ -79,11 +79,25 @@ int image_fail(char *error, size_t error_size, const char *path, const char *for
     return 0;
 }
 
+/* A folder, or something that one may wait for forever; it is checked before it is opened,
+   and before a file would take its place. */
+static const char *no_file(const char *path)
+{
+    struct stat status;
+
+    if (stat(path, &status) != 0 || S_ISREG(status.st_mode))
+        return NULL;
+    return S_ISDIR(status.st_mode) ? "it is a folder" : "it is a pipe or a device, not a file";
+}
+
 int image_temporary_path(const char *path, char temporary[IMAGE_PATH_MAX],
                          char *error, size_t error_size)
 {
     static const char suffix[] = ".part";
+    const char *reason = no_file(path);
 
+    if (reason)
+        return image_fail(error, error_size, path, "cannot be written: %s", reason);
     if (strlen(path) + sizeof suffix > IMAGE_PATH_MAX)
         return image_fail(error, error_size, path, "the path is too long");
     strcpy(temporary, path);
@@ -100,16 +114,6 @@ int image_publish(const char *temporary, const char *path, char *error, size_t e
     reason = errno;
     remove(temporary);
     return image_fail(error, error_size, path, "cannot be put in place: %s", strerror(reason));
-}
-
-/* A folder, or something that one may wait for forever; it is checked before it is opened. */
-static const char *no_file(const char *path)
-{
-    struct stat status;
-
-    if (stat(path, &status) != 0 || S_ISREG(status.st_mode))
-        return NULL;
-    return S_ISDIR(status.st_mode) ? "it is a folder" : "it is a pipe or a device, not a file";
 }
 
 FILE *image_open(const char *path, char *error, size_t error_size)
