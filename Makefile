@@ -37,7 +37,8 @@ RENDER_LIBS   = -l$(or $(EMBREE),embree3) $(EXR_LIBS) -pthread $(LIBM)
 RENDER_PARTS := scene shapes material environment inversion integrator lights upsample product tiles
 
 COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
-EXAMPLES := $(addprefix $(BUILD)/, quickstart placement lights facing product demo_exr \
+EXAMPLES := $(addprefix $(BUILD)/, quickstart path_tracer lights halftone table_file placement \
+              lights_gallery facing_gallery product demo_exr \
               $(if $(EMBREE),render render_unbiased))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
@@ -92,11 +93,11 @@ test: setup  ## build and run all tests
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) $(TESTS) $(EXAMPLES)
 	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --timer --exec '' $(ORDERED)
 
-lights: $(BUILD)/lights  ## a map as directional lights, and pictures; MAP=file, LIGHTS="-k 64"
-	$(BUILD)/lights -o $(BUILD)/pictures $(LIGHTS) $(MAP_WORD)
+lights: $(BUILD)/lights_gallery  ## a map as lights, and pictures; MAP=file, LIGHTS="-k 64"
+	$(BUILD)/lights_gallery -o $(BUILD)/pictures $(LIGHTS) $(MAP_WORD)
 
-facing: $(BUILD)/facing  ## light x cosine beside light alone and MIS, and a picture; MAP=file
-	$(BUILD)/facing -o $(BUILD)/pictures $(MAP_WORD)
+facing: $(BUILD)/facing_gallery  ## light x cosine beside light and MIS, and a picture; MAP=file
+	$(BUILD)/facing_gallery -o $(BUILD)/pictures $(MAP_WORD)
 
 product: $(BUILD)/product  ## product sampling by halftones beside BRDF and SIR, and a picture
 	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT) $(MAP_WORD)
@@ -115,12 +116,12 @@ unbiased: setup  ## every sampling method of the renderer beside a reference, at
 
 # The real maps, where make data has fetched them.
 gallery: setup  ## every picture of the README, in build/pictures
-	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip demo lights facing product)
+	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip demo lights_gallery facing_gallery product)
 	@mkdir -p $(BUILD)/pictures $(BUILD)/references
 	$(BUILD)/strip -t $(JOBS) $(MAP_WORD)
 	$(BUILD)/demo -o $(BUILD)/pictures
-	$(BUILD)/lights -k 32 -o $(BUILD)/pictures sky
-	$(BUILD)/facing -o $(BUILD)/pictures
+	$(BUILD)/lights_gallery -k 32 -o $(BUILD)/pictures sky
+	$(BUILD)/facing_gallery -o $(BUILD)/pictures
 	$(BUILD)/product -o $(BUILD)/pictures
 
 # TABLES="samplers calls": only these. What is done is kept; an hour and a half on two cores.
@@ -176,8 +177,8 @@ convergence: $(BUILD)/convergence  ## error of irradiance over the number of sam
 facing-table: $(BUILD)/facing_table  ## light x cosine over the real maps, and its times; MAP=file
 	$(BUILD)/facing_table $(MAP_WORD)
 
-halftone: $(BUILD)/halftone  ## error diffusion: evenness, error of irradiance, counts, time
-	$(BUILD)/halftone
+halftone: $(BUILD)/halftone_table  ## error diffusion: evenness, irradiance, counts, time
+	$(BUILD)/halftone_table
 
 scene: $(BUILD)/scene $(BUILD)/light_sets  ## a map as 16 to 64 lights, by every method, in scenes
 	$(BUILD)/scene
@@ -261,16 +262,20 @@ $(BUILD)/image_exr.o: examples/common/image.c $(HEADERS) | $(BUILD)
 $(BUILD)/%: examples/%.c $(OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) $(LIBM) -o $@
 
-$(BUILD)/demo: examples/demo.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
+$(BUILD)/%_gallery: bench/%_gallery.c $(OBJECTS) $(HEADERS)
+	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) $(LIBM) -o $@
+
+$(BUILD)/demo: bench/demo.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(BUILD)/baselines.o $(OBJECTS) $(LIBM) -o $@
 
-$(BUILD)/demo_exr: examples/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS)
+$(BUILD)/demo_exr: bench/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(BUILD)/baselines.o $(EXR_OBJECTS) \
 	    $(EXR_LIBS) $(LIBM) -o $@
 
 # Alone, as a user has it.
-$(BUILD)/quickstart: examples/quickstart.c $(HEADERS) | $(BUILD)
-	$(COMPILE) $< $(LIBM) -o $@
+$(BUILD)/quickstart: $(addprefix examples/, quickstart.c common/image.c common/hdr.c) $(HEADERS) \
+                      | $(BUILD)
+	$(COMPILE) $(filter %.c,$^) $(LIBM) -o $@
 
 $(BUILD)/exr_to_pfm: $(addprefix examples/common/, exr_to_pfm.c image.c hdr.c exr.c) $(HEADERS) \
                      | $(BUILD)
@@ -300,7 +305,7 @@ $(BUILD)/facing_table: bench/facing.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/facing.c $(TIMED) tests/inside.c $(COMMON) \
 	    $(LIBM) -o $@
 
-$(BUILD)/halftone: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
+$(BUILD)/halftone_table: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c tests/inside.c \
 	    $(COMMON) $(LIBM) -o $@
 

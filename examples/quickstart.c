@@ -1,60 +1,113 @@
-/* Irradiance of a surface that faces up, under a small sky with a sun. Link libm. */
+/* quickstart.c: the light that fog scatters under a map, by samples of the map and by multiple
+ * importance sampling.
+ *
+ *     cc examples/quickstart.c examples/common/image.c examples/common/hdr.c -lm -o quickstart
+ *     ./quickstart sky.hdr
+ *
+ * Without a file it makes a sky with a sun. The fog scatters evenly to all sides: its phase
+ * function is in the place of BRDF x cosine. The ground hides the lower half of the map. Prints the
+ * radiance by both ways, and by a sum over the map.
+ */
 #define ENVSAMP_IMPLEMENTATION
-#include "envsamp.h"
+#include "../envsamp.h"
+
+#include "common/load.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
-#define WIDTH 256
-#define HEIGHT 128
 #define SAMPLE_COUNT 4096
 
-static const float pi = 3.14159265f;
-static float sky[WIDTH * HEIGHT]; /* luminance; row 0 at the zenith, +z */
+static const float even = 0.25f / 3.14159265f;  /* density of all directions alike, per steradian */
 
-static double make_sky(void) /* returns its irradiance, as a sum over texels */
+static const float *f(const float dir[3])
 {
-    double step = (double)pi / HEIGHT, sum = 0.0;
+    static const float phase[3] = { 0.25f / 3.14159265f, 0.25f / 3.14159265f, 0.25f / 3.14159265f };
 
-    for (int i = 0; i < WIDTH * HEIGHT; i++) {
-        int x = i % WIDTH, y = i / WIDTH, sun = x / 2 == 45 && y / 2 == 15;
-        double north = sin(step * y), south = sin(step * (y + 1));
-
-        sky[i] = sun ? 20000.0f : y < HEIGHT / 2 ? 1.0f + 0.02f * (float)y : 0.1f;
-        if (y < HEIGHT / 2)
-            sum += (double)(sky[i] * pi) / WIDTH * (south * south - north * north);
-    }
-    return sum;
+    (void)dir;                                  /* your BRDF x cosine depends on it */
+    return phase;
 }
 
-int main(void)
+static float visible(const float dir[3])        /* your ray into the scene */
 {
-    double exact = make_sky(), sum = 0.0, mis = 0.0;
-    envsamp_image image = { sky, WIDTH, HEIGHT, 1, 0, ENVSAMP_LATLONG };
+    return dir[2] > 0.0f ? 1.0f : 0.0f;
+}
+
+static float *make_sky(int *width, int *height)
+{
+    float *rgb = (float *)malloc(256 * 128 * 3 * sizeof *rgb);
+
+    *width = 256;
+    *height = 128;
+    for (int i = 0; i < 256 * 128 * 3 && rgb; i++) {
+        int x = i / 3 % 256, y = i / 3 / 256, sun = x / 2 == 45 && y / 2 == 15;
+
+        rgb[i] = sun ? 20000.0f : y < 64 ? 1.0f + 0.3f * (float)(i % 3) : 0.1f;
+    }
+    if (!rgb)
+        fprintf(stderr, "out of memory\n");
+    return rgb;
+}
+
+/* Luminance over directions that are spread evenly. */
+static double sum_over_map(const envsamp_image *image)
+{
+    const int side = 2048;
+    double sum = 0.0;
+
+    for (int i = 0; i < side * side; i++) {
+        float u = ((float)(i % side) + 0.5f) / (float)side, dir[3], rgb[3];
+
+        envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, u, ((float)(i / side) + 0.5f) / (float)side, dir);
+        envsamp_lookup(image, 0, dir, rgb);
+        sum += (double)(envsamp_luminance(rgb) * visible(dir));
+    }
+    return sum / side / side;                   /* phase function x solid angle is 1 over them */
+}
+
+int main(int argc, char **argv)
+{
+    int width, height;
+    float *pixels = argc > 1 ? load_map(argv[1], &width, &height) : make_sky(&width, &height);
+    float radiance[3] = { 0.0f, 0.0f, 0.0f }, mis = 0.0f, rgb[3], bsdf_dir[3];
+
+    if (!pixels)
+        return 1;
+    envsamp_image image = { pixels, width, height, 3, 0, ENVSAMP_LATLONG };
     envsamp_sizes sizes;
     envsamp_buffer table, scratch;
     const envsamp_kd *kd;
 
-    envsamp_kd_sizes(&image, NULL, &sizes); /* the build repeats what fails here */
+    envsamp_kd_sizes(&image, NULL, &sizes);     /* NULL: the defaults; the build repeats errors */
     table.data = malloc(table.bytes = sizes.table_bytes);
     scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);
     envsamp_result result = envsamp_kd_build(&image, NULL, table, scratch, &kd);
     free(scratch.data);
-    for (int i = 0; i < SAMPLE_COUNT && result == ENVSAMP_OK; i++) {
-        float u0 = (float)fmod(0.75487767 * i, 1.0), u1 = (float)fmod(0.56984029 * i, 1.0);
-        envsamp_sample s = envsamp_kd_sample(kd, u0, u1); /* a direction that the sky chose */
-        float cosine = s.dir[2] > 0.0f ? s.dir[2] : 0.0f, dir[3], light[3];
-
-        envsamp_lookup(&image, 0, s.dir, light); /* bilinear, for which tables are made */
-        sum += (double)(light[0] * cosine / s.pdf);
-        mis += (double)(light[0] * cosine / s.pdf * envsamp_mis_power(s.pdf, cosine / pi));
-        envsamp_uv_to_dir(ENVSAMP_LATLONG, u0, acosf(sqrtf(u1)) / pi, dir); /* the surface's */
-        envsamp_lookup(&image, 0, dir, light);
-        mis += (double)(light[0] * pi * envsamp_mis_power(dir[2] / pi, envsamp_kd_pdf(kd, dir)));
+    if (result != ENVSAMP_OK) {
+        printf("%s\n", envsamp_result_string(result));
+        free(table.data);
+        free(pixels);
+        return 1;
     }
-    printf("%s: irradiance %.4f, with MIS %.4f, of texels %.4f\n", envsamp_result_string(result),
-           sum / SAMPLE_COUNT, mis / SAMPLE_COUNT, exact);
+    for (int i = 0; i < SAMPLE_COUNT; i++) {
+        float u0 = (float)fmod(0.75487767 * i, 1.0), u1 = (float)fmod(0.56984029 * i, 1.0);
+
+        envsamp_sample s = envsamp_kd_sample(kd, u0, u1);           /* a direction of the map */
+        envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, u1, u0, bsdf_dir);    /* one of the fog */
+        float pdf = envsamp_kd_pdf(kd, bsdf_dir);
+        envsamp_lookup(&image, 0, s.dir, rgb);
+        for (int c = 0; c < 3; c++)
+            radiance[c] += f(s.dir)[c] * rgb[c] * visible(s.dir) / s.pdf;
+        mis += envsamp_luminance(rgb) * even * visible(s.dir) / s.pdf
+             * envsamp_mis_power(s.pdf, even);
+        envsamp_lookup(&image, 0, bsdf_dir, rgb);
+        mis += envsamp_luminance(rgb) * visible(bsdf_dir) * envsamp_mis_power(even, pdf);
+    }
+    printf("samples of the map %.5g, with MIS %.5g, sum over the map %.5g\n",
+           (double)envsamp_luminance(radiance) / SAMPLE_COUNT, (double)mis / SAMPLE_COUNT,
+           sum_over_map(&image));
     free(table.data);
-    return result != ENVSAMP_OK;
+    free(pixels);
+    return 0;
 }

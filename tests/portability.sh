@@ -46,7 +46,8 @@ sources_of() {
     case $program in
     *bits | device) source=tests/portability/bits.c ;;
     test_lm) source="tests/test_lm.c tests/envsamp.c" ;;
-    quickstart) source=examples/quickstart.c ;;
+    quickstart)
+        source="examples/quickstart.c examples/common/image.c examples/common/hdr.c" ;;
     esac
     link=-lm
     case $machine in

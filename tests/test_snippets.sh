@@ -2,7 +2,8 @@
 # Every piece of code in the comments of envsamp.h and in README.md is compiled, as C99 and C++11,
 # and run: as it is, with a black map, without pixels, without memory, and with memory that is
 # aligned to 8 bytes only. It must end by itself, clean under the sanitizers, and print the error.
-# What a piece needs around it is here, under its name; one without a name fails.
+# What a piece needs around it is here, under its name; one without a name fails. README: a draft
+# in the place of README.md.
 cd "$(dirname "$0")/.." || exit 1
 cc=${CC:-cc}
 cxx=${CXX:-c++}
@@ -57,7 +58,7 @@ awk -v out="$tmp" '
              else if ($0 == "```c") { inside = 1; file = out "/readme_" ++n; printf "" > file }
              else other = !other
              next }
-    inside { print > file }' README.md
+    inside { print > file }' "${README:-README.md}"
 
 # name FILE: by what is in it.
 name_of() {
@@ -66,6 +67,10 @@ name_of() {
         *scene_occluded*) echo shading ;;
         *environment_sample*) echo placing ;;
         *envsamp_lights_defaults*) echo lights ;;
+        *half_to_float*) echo half ;;
+        *envsamp_halftone*) echo halftone ;;
+        *fwrite*) echo save ;;
+        *mmap*) echo map ;;
         *envsamp_kd_build*) echo table ;;
         *'#define ENVSAMP_IMPLEMENTATION'*) echo include ;;
         *) echo unknown ;;
@@ -109,15 +114,15 @@ static inline void test_free(void *block)
 
 #define WIDTH 16
 #define HEIGHT 8
-static float map[WIDTH * HEIGHT * 3];
+static float test_map[WIDTH * HEIGHT * 3];
 
 static inline float *make_map(void)
 {
     int i;
 
     for (i = 0; i < WIDTH * HEIGHT * 3; i++)
-        map[i] = mode_is("black") ? 0.0f : 1.0f + 0.01f * (float)i;
-    return mode_is("pixels") ? NULL : map;
+        test_map[i] = mode_is("black") ? 0.0f : 1.0f + 0.01f * (float)i;
+    return mode_is("pixels") ? NULL : test_map;
 }
 END
 
@@ -265,6 +270,149 @@ int main(void)
 }
 END
 
+# A map of halves that are whole numbers, and its table.
+cat >"$tmp/half.c" <<'END'
+#include "envsamp.h"
+#include "provoke.h"
+typedef struct half_map {
+    const uint16_t *half;
+    int width;
+} half_map;
+static float half_to_float(uint16_t half)
+{
+    return (float)half;
+}
+#include "snippet.c"
+int main(void)
+{
+    const float *floats = make_map();
+    envsamp_image image = { NULL, WIDTH, HEIGHT, 3, 0, ENVSAMP_LATLONG };
+    uint16_t pixels[WIDTH * HEIGHT * 3];
+    const half_map whole = { floats ? pixels : NULL, WIDTH };
+    envsamp_sizes sizes;
+    envsamp_buffer table, scratch;
+    const envsamp_kd *kd;
+    envsamp_kd_info info;
+    envsamp_result result = ENVSAMP_ERR_NULL;
+    int i;
+
+    for (i = 0; i < WIDTH * HEIGHT * 3; i++)
+        pixels[i] = (uint16_t)(floats ? 10.0f * floats[i] : 0.0f);
+    envsamp_kd_sizes(&image, NULL, &sizes);
+    table.data = malloc(table.bytes = sizes.table_bytes);
+    scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);
+    if (floats)
+        result = envsamp_kd_build_rows(&image, half_row, (void *)(size_t)&whole, NULL, table,
+                                       scratch, &kd);
+    free(scratch.data);
+    if (result != ENVSAMP_OK)
+        printf("%s\n", envsamp_result_string(result));
+    else
+        envsamp_kd_get_info(kd, &info);
+    free(table.data);
+    return !(result == ENVSAMP_OK && info.integral > 320.0 && info.integral < 400.0);
+}
+END
+
+# The sum of value, which is the importance, is got exactly.
+cat >"$tmp/halftone.c" <<'END'
+#include "envsamp.h"
+#include "provoke.h"
+int main(void)
+{
+    static float product[32 * 32];
+    const float *importance = mode_is("pixels") ? NULL : product, *value = product;
+    envsamp_texel texels[32];
+    envsamp_sizes sizes;
+    envsamp_buffer scratch;
+    int count = 0, j;
+    float sum = 0.0f, exact = 0.0f;
+
+    for (j = 0; j < 32 * 32; j++)
+        exact += product[j] = mode_is("black") ? 0.0f : 1.0f + 0.01f * (float)(j % 32);
+#include "snippet.c"
+    if (result != ENVSAMP_OK)
+        printf("%s\n", envsamp_result_string(result));
+    return !(result == ENVSAMP_OK && count == 32 && sum > 0.999f * exact && sum < 1.001f * exact);
+}
+END
+
+# A table, its bytes in a file, and the file's in memory: fwrite and mmap are stood in for.
+cat >"$tmp/save.c" <<'END'
+#include "envsamp.h"
+#include "provoke.h"
+#define SAVES
+#include "table_bytes.h"
+END
+sed 's/#define SAVES/#define OPENS/' "$tmp/save.c" >"$tmp/map.c"
+cat >"$tmp/table_bytes.h" <<'END'
+static char kept[1 << 20];
+static size_t kept_bytes;
+static inline size_t test_fwrite(const void *from, size_t size, size_t count, int file)
+{
+    if (size * count > sizeof kept || file != 3)
+        return 0;
+    memcpy(kept, from, kept_bytes = size * count);
+    return count;
+}
+static inline void *test_mmap(void *at, size_t size, int protection, int flags, int file, int from)
+{
+    return at || size != kept_bytes || protection != 1 || flags != 2 || file != 3 || from ? NULL
+         : kept;
+}
+#define fwrite test_fwrite
+#define mmap test_mmap
+#define PROT_READ 1
+#define MAP_PRIVATE 2
+static envsamp_result save(const envsamp_kd *kd, int file)
+{
+#ifdef SAVES
+#include "snippet.c"
+#else
+    test_fwrite(kd, 1, envsamp_kd_bytes(kd), file);
+#endif
+    return ENVSAMP_OK;
+}
+static envsamp_result reopen(size_t size, int descriptor)
+{
+#ifdef OPENS
+#include "snippet.c"
+#else
+    const envsamp_kd *kd;
+    const envsamp_result result = envsamp_kd_open(test_mmap(NULL, size, 1, 2, descriptor, 0), size,
+                                                  &kd);
+#endif
+    return result == ENVSAMP_OK && !(envsamp_kd_sample(kd, 0.5f, 0.5f).pdf > 0.0f)
+         ? ENVSAMP_ERR_FORMAT : result;
+}
+int main(void)
+{
+    const envsamp_image image = { make_map(), WIDTH, HEIGHT, 3, 0, ENVSAMP_LATLONG };
+    envsamp_sizes sizes;
+    envsamp_buffer table, scratch;
+    const envsamp_kd *built;
+    envsamp_result result;
+
+    envsamp_kd_sizes(&image, NULL, &sizes);
+    table.data = malloc(table.bytes = sizes.table_bytes);
+    scratch.data = malloc(scratch.bytes = sizes.scratch_bytes);
+    result = envsamp_kd_build(&image, NULL, table, scratch, &built);
+    free(scratch.data);
+    if (result == ENVSAMP_OK)
+        result = save(built, 3);
+    if (result == ENVSAMP_OK)
+        result = reopen(envsamp_kd_bytes(built), 3);
+    if (result == ENVSAMP_OK)
+        kept[kept_bytes / 2] ^= 1;
+    if (result != ENVSAMP_OK)
+        printf("%s\n", envsamp_result_string(result));
+    else if (reopen(kept_bytes, 3) != ENVSAMP_ERR_FORMAT)
+        result = ENVSAMP_ERR_FORMAT;
+    free(table.data);
+    return result != ENVSAMP_OK;
+}
+END
+
 # Whole by itself, so its map is made black, or missing, in a copy.
 cat >"$tmp/quickstart.c" <<'END'
 #include "snippet.c"
@@ -331,6 +479,7 @@ else
     skip "no $cxx"
 fi
 seen=
+tried=$languages
 for file in "$tmp"/header_* "$tmp"/readme_*; do
     name=$(name_of "$file")
     seen="$seen $name"
@@ -338,16 +487,24 @@ for file in "$tmp"/header_* "$tmp"/readme_*; do
         check "$(basename "$file") has a name here" cat "$file" false
         continue
     fi
+    case $name,$(cat "$file") in
+        halftone,*'= { .'*) languages=C ;;      # designated initialisers are of C++20
+        *) languages=$tried ;;
+    esac
     for language in $languages; do
         try "$name" "$file" "$language"
     done
 done
 sorted=$(echo $seen | tr ' ' '\n' | sort | tr '\n' ' ')
-check "all are there: $sorted" test "$sorted" = "include lights placing quickstart shading table "
+case $seen in
+    *quickstart*) all="include lights placing quickstart shading table " ;;
+    *) all="half halftone include lights map placing save shading table table " ;;
+esac
+check "all are there: $sorted" test "$sorted" = "$all"
 body() {
     sed -n '/^static.* environment_sample(/,/^}/p' "$1"
 }
-body README.md >"$tmp/body"
+body "${README:-README.md}" >"$tmp/body"
 body examples/common/placement.h >"$tmp/of_header"
 check "the README has environment_sample as placement.h has it" diff "$tmp/body" "$tmp/of_header"
 

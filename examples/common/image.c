@@ -1,5 +1,6 @@
 /* image.c: memory, PFM and PNG for image.h; PNG through a deflate encoder of its own. */
 #include "image.h"
+#include "load.h"
 
 #include "hdr.h"
 #ifdef HAVE_OPENEXR
@@ -78,11 +79,25 @@ int image_fail(char *error, size_t error_size, const char *path, const char *for
     return 0;
 }
 
+/* A folder, or something that one may wait for forever; it is checked before it is opened,
+   and before a file would take its place. */
+static const char *no_file(const char *path)
+{
+    struct stat status;
+
+    if (stat(path, &status) != 0 || S_ISREG(status.st_mode))
+        return NULL;
+    return S_ISDIR(status.st_mode) ? "it is a folder" : "it is a pipe or a device, not a file";
+}
+
 int image_temporary_path(const char *path, char temporary[IMAGE_PATH_MAX],
                          char *error, size_t error_size)
 {
     static const char suffix[] = ".part";
+    const char *reason = no_file(path);
 
+    if (reason)
+        return image_fail(error, error_size, path, "cannot be written: %s", reason);
     if (strlen(path) + sizeof suffix > IMAGE_PATH_MAX)
         return image_fail(error, error_size, path, "the path is too long");
     strcpy(temporary, path);
@@ -99,16 +114,6 @@ int image_publish(const char *temporary, const char *path, char *error, size_t e
     reason = errno;
     remove(temporary);
     return image_fail(error, error_size, path, "cannot be put in place: %s", strerror(reason));
-}
-
-/* A folder, or something that one may wait for forever; it is checked before it is opened. */
-static const char *no_file(const char *path)
-{
-    struct stat status;
-
-    if (stat(path, &status) != 0 || S_ISREG(status.st_mode))
-        return NULL;
-    return S_ISDIR(status.st_mode) ? "it is a folder" : "it is a pipe or a device, not a file";
 }
 
 FILE *image_open(const char *path, char *error, size_t error_size)
@@ -447,150 +452,12 @@ void image_tonemap(const image *map, float exposure, unsigned char *rgb)
         rgb[i] = encode_srgb(map->rgb[i] * exposure);
 }
 
-/* ---- bytes and bits ---- */
-
-/* Grows as needed; once memory runs out it swallows everything and `failed` stays set. */
-typedef struct byte_buffer {
-    unsigned char *bytes;
-    size_t count, capacity;
-    uint32_t bits;
-    int bit_count, failed;
-} byte_buffer;
-
-static void put_byte(byte_buffer *out, unsigned value)
-{
-    if (out->count == out->capacity && !out->failed) {
-        size_t capacity = out->capacity ? 2 * out->capacity : 65536;
-        unsigned char *bytes = (unsigned char *)realloc(out->bytes, capacity);
-        if (bytes) {
-            out->bytes = bytes;
-            out->capacity = capacity;
-        } else {
-            out->failed = 1;
-        }
-    }
-    if (!out->failed)
-        out->bytes[out->count++] = (unsigned char)(value & 255u);
-}
-
-static void put_big_endian(byte_buffer *out, uint32_t value)
-{
-    put_byte(out, value >> 24);
-    put_byte(out, value >> 16);
-    put_byte(out, value >> 8);
-    put_byte(out, value);
-}
-
-/* At most 16 bits, lowest first, as deflate packs everything but Huffman codes. */
-static void put_bits(byte_buffer *out, uint32_t value, int count)
-{
-    out->bits |= value << out->bit_count;
-    out->bit_count += count;
-    while (out->bit_count >= 8) {
-        put_byte(out, out->bits);
-        out->bits >>= 8;
-        out->bit_count -= 8;
-    }
-}
-
-static void flush_bits(byte_buffer *out)
-{
-    if (out->bit_count > 0)
-        put_byte(out, out->bits);
-    out->bits = 0;
-    out->bit_count = 0;
-}
-
-/* ---- Huffman codes ---- */
+/* ---- bits and codes of deflate ---- */
 
 #define LITERAL_CODES 286
 #define DISTANCE_CODES 30
-#define LENGTH_CODES 19 /* symbols of the code that transmits the other codes' lengths */
-
-typedef struct huffman {
-    uint32_t counts[LITERAL_CODES];
-    unsigned char lengths[LITERAL_CODES];
-    uint16_t codes[LITERAL_CODES];
-} huffman;
-
-/* Index of the lightest node that has no parent yet and is not `except`, or -1. */
-static int lightest(const uint32_t *weights, const int *parents, int count, int except)
-{
-    int i, best = -1;
-
-    for (i = 0; i < count; i++)
-        if (weights[i] > 0 && parents[i] < 0 && i != except &&
-            (best < 0 || weights[i] < weights[best]))
-            best = i;
-    return best;
-}
-
-/* Code lengths of the Huffman tree over `weights`; returns the longest. */
-static int tree_lengths(const uint32_t *weights, int symbols, unsigned char *lengths)
-{
-    uint32_t all[2 * LITERAL_CODES];
-    int parents[2 * LITERAL_CODES], depths[2 * LITERAL_CODES];
-    int i, count = symbols, deepest = 0;
-
-    for (i = 0; i < 2 * symbols; i++)
-        parents[i] = -1;
-    memcpy(all, weights, (size_t)symbols * sizeof *weights);
-    for (;;) {
-        int a = lightest(all, parents, count, -1);
-        int b = lightest(all, parents, count, a);
-        if (b < 0)
-            break;
-        all[count] = all[a] + all[b];
-        parents[a] = parents[b] = count++;
-    }
-    for (i = count - 1; i >= 0; i--)
-        depths[i] = parents[i] < 0 ? 0 : depths[parents[i]] + 1;
-    for (i = 0; i < symbols; i++) {
-        /* A lone symbol is its own root, yet needs a bit. */
-        lengths[i] = (unsigned char)(weights[i] > 0 && depths[i] == 0 ? 1 : depths[i]);
-        deepest = lengths[i] > deepest ? lengths[i] : deepest;
-    }
-    return deepest;
-}
-
-/* Canonical codes, bit-reversed because put_bits writes the lowest bit first. */
-static void assign_codes(huffman *code, int symbols)
-{
-    unsigned next = 0;
-    int length, i, bit;
-
-    for (length = 1; length <= 15; length++, next <<= 1)
-        for (i = 0; i < symbols; i++) {
-            unsigned reversed = 0;
-            if (code->lengths[i] != length)
-                continue;
-            for (bit = 0; bit < length; bit++)
-                reversed |= ((next >> bit) & 1u) << (length - 1 - bit);
-            code->codes[i] = (uint16_t)reversed;
-            next++;
-        }
-}
-
-/* Flattens the counts until the tree is as shallow as the format allows. */
-static void make_code(huffman *code, int symbols, int longest)
-{
-    uint32_t weights[LITERAL_CODES];
-    int i;
-
-    memcpy(weights, code->counts, sizeof weights);
-    while (tree_lengths(weights, symbols, code->lengths) > longest)
-        for (i = 0; i < symbols; i++)
-            weights[i] = (weights[i] + 1) / 2;
-    assign_codes(code, symbols);
-}
-
-static void put_symbol(byte_buffer *out, const huffman *code, int symbol)
-{
-    put_bits(out, code->codes[symbol], code->lengths[symbol]);
-}
-
-/* ---- deflate ---- */
-
+#define BLOCK_END 256
+#define BLOCK_TOKENS 32768
 #define WINDOW 32768
 #define HASH_SIZE 32768
 #define CHAIN_MAX 96
@@ -598,192 +465,149 @@ static void put_symbol(byte_buffer *out, const huffman *code, int symbol)
 #define MATCH_MAX 258
 #define MATCH_NEAR 4096 /* from farther, three bytes cost less as literals */
 #define MATCH_LAZY 32 /* matches this long are taken without a look at the next position */
-#define BLOCK_TOKENS 32768
-#define BLOCK_END 256
+
+typedef struct huffman {
+    uint32_t counts[LITERAL_CODES];
+    unsigned char lengths[LITERAL_CODES];
+    uint16_t codes[LITERAL_CODES];
+} huffman;
 
 typedef struct deflater {
-    byte_buffer *out;
+    unsigned char *out;        /* with room for two bytes of each byte of data, and for codes */
+    size_t out_count;
+    uint32_t bits;
+    int bit_count, counting;   /* while counting, symbols are counted and nothing is written */
     const unsigned char *data;
     int32_t size;
     int32_t head[HASH_SIZE];   /* latest position with this hash, or -1 */
     int32_t previous[WINDOW];  /* the position before it with the same hash */
     uint32_t tokens[BLOCK_TOKENS]; /* a literal, or length << 16 | (distance - 1) */
     int token_count;
-    huffman literals, distances, lengths;
+    huffman literals, distances;
 } deflater;
 
-/* Lengths and distances share one scheme: 2^steps_log2 codes an octave, the rest as extra bits. */
-typedef struct slot {
-    int code, extra_bits;
-    uint32_t extra;
-} slot;
-
-static slot find_slot(uint32_t value, int steps_log2)
+/* At most 16 bits, lowest first. */
+static void put_bits(deflater *state, uint32_t value, int count)
 {
-    slot result = {(int)value, 0, 0};
-
-    while ((value >> result.extra_bits) >= (2u << steps_log2))
-        result.extra_bits++;
-    result.code = (result.extra_bits << steps_log2) + (int)(value >> result.extra_bits);
-    result.extra = value & ((1u << result.extra_bits) - 1u);
-    return result;
-}
-
-static slot length_slot(uint32_t length)
-{
-    slot longest = {LITERAL_CODES - 1, 0, 0}, result;
-
-    if (length == MATCH_MAX)
-        return longest;
-    result = find_slot(length - MATCH_MIN, 2);
-    result.code += BLOCK_END + 1;
-    return result;
-}
-
-static slot distance_slot(uint32_t token)
-{
-    return find_slot(token & 0xffffu, 1);
-}
-
-static uint32_t hash_at(const deflater *state, int32_t at)
-{
-    const unsigned char *p = state->data + at;
-
-    return (((uint32_t)p[0] << 10) ^ ((uint32_t)p[1] << 5) ^ p[2]) & (HASH_SIZE - 1);
-}
-
-static void remember(deflater *state, int32_t at)
-{
-    uint32_t hash;
-
-    if (at + MATCH_MIN > state->size)
+    if (state->counting)
         return;
-    hash = hash_at(state, at);
-    state->previous[at & (WINDOW - 1)] = state->head[hash];
-    state->head[hash] = at;
+    state->bits |= value << state->bit_count;
+    for (state->bit_count += count; state->bit_count >= 8; state->bit_count -= 8) {
+        state->out[state->out_count++] = (unsigned char)(state->bits & 255u);
+        state->bits >>= 8;
+    }
 }
 
-static int32_t match_length(const deflater *state, int32_t a, int32_t b)
+static void put_symbol(deflater *state, huffman *code, int symbol)
 {
-    int32_t length = 0, most = state->size - b;
-
-    if (most > MATCH_MAX)
-        most = MATCH_MAX;
-    while (length < most && state->data[a + length] == state->data[b + length])
-        length++;
-    return length;
+    code->counts[symbol] += state->counting ? 1u : 0u;
+    put_bits(state, code->codes[symbol], code->lengths[symbol]);
 }
 
-/* The longest match for the bytes at `at` as a token, or 0 where none is worth taking. */
-static uint32_t find_match(const deflater *state, int32_t at)
+/* Code lengths of the Huffman tree over the weights, which are used up: the two lightest groups of
+   symbols become one, and the codes of all in it a bit longer. Returns the longest. */
+static int tree_lengths(uint32_t *weights, int symbols, unsigned char *lengths)
 {
-    int32_t candidate, best_length = MATCH_MIN - 1, best_distance = 0;
-    int steps;
+    int group[LITERAL_CODES], longest = 0, i, a, b;
 
-    if (at + MATCH_MIN > state->size)
-        return 0;
-    candidate = state->head[hash_at(state, at)];
-    for (steps = 0; steps < CHAIN_MAX && candidate >= 0 && at - candidate < WINDOW; steps++) {
-        int32_t length = match_length(state, candidate, at);
-        if (length > best_length) {
-            best_length = length;
-            best_distance = at - candidate;
-        }
-        if (best_length == MATCH_MAX)
+    for (i = 0; i < symbols; i++) {
+        group[i] = i;
+        lengths[i] = 0;
+    }
+    for (;;) {
+        for (i = 0, a = b = -1; i < symbols; i++)
+            if (weights[i] > 0 && (a < 0 || weights[i] < weights[a])) {
+                b = a;
+                a = i;
+            } else if (weights[i] > 0 && (b < 0 || weights[i] < weights[b])) {
+                b = i;
+            }
+        if (b < 0)
             break;
-        candidate = state->previous[candidate & (WINDOW - 1)];
+        weights[a] += weights[b];
+        weights[b] = 0;
+        for (i = 0; i < symbols; i++)
+            if (group[i] == a || group[i] == b) {
+                group[i] = a;
+                longest = ++lengths[i] > longest ? lengths[i] : longest;
+            }
     }
-    if (best_distance == 0 || (best_length == MATCH_MIN && best_distance > MATCH_NEAR))
-        return 0;
-    return (uint32_t)best_length << 16 | (uint32_t)(best_distance - 1);
+    if (longest == 0 && a >= 0)
+        lengths[a] = 1; /* a lone symbol needs a bit */
+    return longest;
 }
 
-/* Runs of code lengths: 16 repeats the one before, 17 and 18 are short and long runs of zero. */
-static void put_run(deflater *state, int symbol, int bits, int value, int counting)
+/* Canonical codes of at most 15 bits, reversed because put_bits writes the lowest bit first. Counts
+   are flattened until the tree is as shallow as that. */
+static void make_code(huffman *code, int symbols)
 {
-    if (counting) {
-        state->lengths.counts[symbol]++;
-        return;
-    }
-    put_symbol(state->out, &state->lengths, symbol);
-    put_bits(state->out, (uint32_t)value, bits);
+    uint32_t weights[LITERAL_CODES];
+    unsigned next = 0;
+    int length, i, bit;
+
+    do {
+        memcpy(weights, code->counts, sizeof weights);
+        for (i = 0; i < symbols; i++)
+            code->counts[i] = (code->counts[i] + 1) / 2;
+    } while (tree_lengths(weights, symbols, code->lengths) > 15);
+    for (length = 1; length <= 15; length++, next <<= 1)
+        for (i = 0; i < symbols; i++)
+            if (code->lengths[i] == length) {
+                for (code->codes[i] = 0, bit = 0; bit < length; bit++)
+                    code->codes[i] |= (uint16_t)((next >> bit & 1u) << (length - 1 - bit));
+                next++;
+            }
 }
 
-static void put_lengths(deflater *state, const unsigned char *lengths, int count, int counting)
+/* ---- deflate ---- */
+
+/* The code of a length or a distance, and its extra bits: 2^steps_log2 codes an octave. */
+static int find_slot(uint32_t value, int steps_log2, int *extra_bits)
 {
-    int i = 0, run;
-
-    while (i < count) {
-        for (run = 1; i + run < count && lengths[i + run] == lengths[i] && run < 138; run++)
-            ;
-        if (lengths[i] == 0 && run >= 11) {
-            put_run(state, 18, 7, run - 11, counting);
-        } else if (lengths[i] == 0 && run >= 3) {
-            put_run(state, 17, 3, run - 3, counting);
-        } else {
-            int repeats = run - 1 > 6 ? 6 : run - 1;
-            put_run(state, lengths[i], 0, 0, counting);
-            if (repeats >= 3)
-                put_run(state, 16, 2, repeats - 3, counting);
-            run = repeats >= 3 ? repeats + 1 : 1;
-        }
-        i += run;
-    }
-}
-
-static void put_code_lengths(deflater *state)
-{
-    static const unsigned char order[LENGTH_CODES] = {16, 17, 18, 0, 8,  7, 9,  6, 10, 5,
-                                                      11, 4,  12, 3, 13, 2, 14, 1, 15};
-    int counting, i;
-
-    put_bits(state->out, LITERAL_CODES - 257, 5);
-    put_bits(state->out, DISTANCE_CODES - 1, 5);
-    put_bits(state->out, LENGTH_CODES - 4, 4);
-    memset(&state->lengths, 0, sizeof state->lengths);
-    for (counting = 1; counting >= 0; counting--) {
-        if (!counting) {
-            make_code(&state->lengths, LENGTH_CODES, 7);
-            for (i = 0; i < LENGTH_CODES; i++)
-                put_bits(state->out, state->lengths.lengths[order[i]], 3);
-        }
-        put_lengths(state, state->literals.lengths, LITERAL_CODES, counting);
-        put_lengths(state, state->distances.lengths, DISTANCE_CODES, counting);
-    }
-}
-
-static void count_tokens(deflater *state)
-{
-    int i;
-
-    memset(&state->literals, 0, sizeof state->literals);
-    memset(&state->distances, 0, sizeof state->distances);
-    for (i = 0; i < state->token_count; i++) {
-        uint32_t token = state->tokens[i];
-        if (token < 256) {
-            state->literals.counts[token]++;
-        } else {
-            state->literals.counts[length_slot(token >> 16).code]++;
-            state->distances.counts[distance_slot(token).code]++;
-        }
-    }
-    state->literals.counts[BLOCK_END] = 1;
+    *extra_bits = 0;
+    while ((value >> *extra_bits) >= (2u << steps_log2))
+        ++*extra_bits;
+    return (*extra_bits << steps_log2) + (int)(value >> *extra_bits);
 }
 
 static void put_token(deflater *state, uint32_t token)
 {
-    slot length, distance;
+    const uint32_t length = (token >> 16) - MATCH_MIN, distance = token & 0xffffu;
+    int symbol, bits;
 
     if (token < 256) {
-        put_symbol(state->out, &state->literals, (int)token);
+        put_symbol(state, &state->literals, (int)token);
         return;
     }
-    length = length_slot(token >> 16);
-    distance = distance_slot(token);
-    put_symbol(state->out, &state->literals, length.code);
-    put_bits(state->out, length.extra, length.extra_bits);
-    put_symbol(state->out, &state->distances, distance.code);
-    put_bits(state->out, distance.extra, distance.extra_bits);
+    symbol = BLOCK_END + 1 + find_slot(length, 2, &bits);
+    if (length == MATCH_MAX - MATCH_MIN) {
+        symbol = LITERAL_CODES - 1;
+        bits = 0;
+    }
+    put_symbol(state, &state->literals, symbol);
+    put_bits(state, length & ((1u << bits) - 1u), bits);
+    symbol = find_slot(distance, 1, &bits);
+    put_symbol(state, &state->distances, symbol);
+    put_bits(state, distance & ((1u << bits) - 1u), bits);
+}
+
+static void put_tokens(deflater *state)
+{
+    int i;
+
+    for (i = 0; i < state->token_count; i++)
+        put_token(state, state->tokens[i]);
+    put_symbol(state, &state->literals, BLOCK_END);
+}
+
+/* Lengths of codes go as they are, in 4 bits each: the code of these is flat, without runs. */
+static void put_lengths(deflater *state, const huffman *code, int symbols)
+{
+    int i, bit;
+
+    for (i = 0; i < symbols; i++)
+        for (bit = 3; bit >= 0; bit--)
+            put_bits(state, code->lengths[i] >> bit & 1u, 1);
 }
 
 /* One block with codes of its own over the tokens so far. */
@@ -791,16 +615,62 @@ static void put_block(deflater *state, int last)
 {
     int i;
 
-    count_tokens(state);
-    make_code(&state->literals, LITERAL_CODES, 15);
-    make_code(&state->distances, DISTANCE_CODES, 15);
-    put_bits(state->out, last ? 1 : 0, 1);
-    put_bits(state->out, 2, 2);
-    put_code_lengths(state);
-    for (i = 0; i < state->token_count; i++)
-        put_token(state, state->tokens[i]);
-    put_symbol(state->out, &state->literals, BLOCK_END);
+    memset(&state->literals, 0, sizeof state->literals);
+    memset(&state->distances, 0, sizeof state->distances);
+    state->counting = 1;
+    put_tokens(state);
+    state->counting = 0;
+    make_code(&state->literals, LITERAL_CODES);
+    make_code(&state->distances, DISTANCE_CODES);
+    put_bits(state, (last ? 1u : 0u) | 2u << 1, 3);
+    put_bits(state, (LITERAL_CODES - 257) | (DISTANCE_CODES - 1) << 5, 10);
+    put_bits(state, 19 - 4, 4);
+    for (i = 0; i < 19; i++)
+        put_bits(state, i < 3 ? 0 : 4, 3); /* the first three are those of runs */
+    put_lengths(state, &state->literals, LITERAL_CODES);
+    put_lengths(state, &state->distances, DISTANCE_CODES);
+    put_tokens(state);
     state->token_count = 0;
+}
+
+static int32_t *bucket(deflater *state, int32_t at)
+{
+    const unsigned char *p = state->data + at;
+
+    return &state->head[(((uint32_t)p[0] << 10) ^ ((uint32_t)p[1] << 5) ^ p[2]) & (HASH_SIZE - 1)];
+}
+
+static void remember(deflater *state, int32_t at)
+{
+    if (at + MATCH_MIN > state->size)
+        return;
+    state->previous[at & (WINDOW - 1)] = *bucket(state, at);
+    *bucket(state, at) = at;
+}
+
+/* The longest match for the bytes at `at` as a token, or 0 where none is worth taking. */
+static uint32_t find_match(deflater *state, int32_t at)
+{
+    const int32_t most = state->size - at < MATCH_MAX ? state->size - at : MATCH_MAX;
+    const unsigned char *here = state->data + at;
+    int32_t from, length, best = MATCH_MIN - 1, distance = 0;
+    int steps;
+
+    if (most < MATCH_MIN)
+        return 0;
+    from = *bucket(state, at);
+    for (steps = 0; steps < CHAIN_MAX && from >= 0 && at - from < WINDOW && best < most; steps++) {
+        for (length = 0; length < most && state->data[from + length] == here[length]; length++)
+            ;
+        if (length > best) {
+            best = length;
+            distance = at - from;
+        }
+        from = state->previous[from & (WINDOW - 1)];
+    }
+    if (distance == 0 || (best == MATCH_MIN && distance > MATCH_NEAR))
+        return 0;
+    return (uint32_t)best << 16 | (uint32_t)(distance - 1);
 }
 
 static void deflate_all(deflater *state)
@@ -810,6 +680,7 @@ static void deflate_all(deflater *state)
     memset(state->head, 0xff, sizeof state->head);
     while (at < state->size) {
         uint32_t match = find_match(state, at);
+
         remember(state, at);
         /* A longer match one byte on is worth a literal here. */
         if (match >> 16 < MATCH_LAZY && (find_match(state, at + 1) >> 16) > (match >> 16))
@@ -822,175 +693,144 @@ static void deflate_all(deflater *state)
             put_block(state, 0);
     }
     put_block(state, 1);
-    flush_bits(state->out);
+    put_bits(state, 0, 7); /* up to the next byte */
 }
 
-static uint32_t adler32(const unsigned char *data, size_t count)
+static void set_big_endian(unsigned char *bytes, uint32_t value)
 {
+    int i;
+
+    for (i = 0; i < 4; i++)
+        bytes[i] = (unsigned char)(value >> (24 - 8 * i) & 255u);
+}
+
+/* A zlib stream, to be freed; NULL without memory. */
+static unsigned char *compress_bytes(const unsigned char *data, size_t count, size_t *out_count)
+{
+    deflater *state = (deflater *)calloc(1, sizeof *state);
+    unsigned char *out = (unsigned char *)malloc(2 * count + count / 64 + 1024);
     uint32_t a = 1, b = 0;
     size_t i;
 
-    for (i = 0; i < count; i++) {
-        a = (a + data[i]) % 65521u;
-        b = (b + a) % 65521u;
+    if (state && out) {
+        out[0] = 0x78;
+        out[1] = 0x9c;
+        state->out = out;
+        state->out_count = 2;
+        state->data = data;
+        state->size = (int32_t)count;
+        deflate_all(state);
+        for (i = 0; i < count; i++) { /* Adler-32 */
+            a = (a + data[i]) % 65521u;
+            b = (b + a) % 65521u;
+        }
+        set_big_endian(out + state->out_count, b << 16 | a);
+        *out_count = state->out_count + 4;
+    } else {
+        free(out);
+        out = NULL;
     }
-    return b << 16 | a;
-}
-
-static void put_zlib(byte_buffer *out, const unsigned char *data, size_t count)
-{
-    deflater *state = (deflater *)calloc(1, sizeof *state);
-
-    if (!state) {
-        out->failed = 1;
-        return;
-    }
-    state->out = out;
-    state->data = data;
-    state->size = (int32_t)count;
-    put_byte(out, 0x78);
-    put_byte(out, 0x9c);
-    deflate_all(state);
-    put_big_endian(out, adler32(data, count));
     free(state);
+    return out;
 }
 
 /* ---- PNG ---- */
 
-#define PNG_FILTERS 5
-
 static int paeth(int left, int up, int corner)
 {
-    int base = left + up - corner;
-    int to_left = abs(base - left), to_up = abs(base - up), to_corner = abs(base - corner);
+    const int to_left = abs(up - corner), to_up = abs(left - corner);
+    const int to_corner = abs(left + up - 2 * corner);
 
     if (to_left <= to_up && to_left <= to_corner)
         return left;
     return to_up <= to_corner ? up : corner;
 }
 
-static int predict(int filter, int left, int up, int corner)
+/* What one of the five filters leaves of a byte; `above` is a row of zeros over the first. */
+static unsigned char residual(int filter, const unsigned char *row, const unsigned char *above,
+                              size_t i)
 {
-    switch (filter) {
-    case 1: return left;
-    case 2: return up;
-    case 3: return (left + up) / 2;
-    case 4: return paeth(left, up, corner);
-    default: return 0;
-    }
+    const int left = i >= 3 ? row[i - 3] : 0, up = above[i], corner = i >= 3 ? above[i - 3] : 0;
+    const int guess = filter == 0 ? 0 : filter == 1 ? left : filter == 2 ? up
+                    : filter == 3 ? (left + up) / 2 : paeth(left, up, corner);
+
+    return (unsigned char)((row[i] - guess) & 255);
 }
 
-/* Writes the filter's number and the filtered row; returns the sum of sizes of the residuals,
- * which is a good guess at how well the row will compress. */
-static long filter_row(int filter, const unsigned char *row, const unsigned char *above,
-                       size_t count, unsigned char *out)
+/* The filter whose residuals have the least sum of sizes, which is a good guess at how well the row
+   will compress; its number and the residuals are written. */
+static void filter_row(const unsigned char *row, const unsigned char *above, size_t count,
+                       unsigned char *out)
 {
-    long cost = 0;
+    long least = -1;
+    int filter, best = 0;
     size_t i;
 
-    *out++ = (unsigned char)filter;
-    for (i = 0; i < count; i++) {
-        int left = i >= 3 ? row[i - 3] : 0;
-        int up = above ? above[i] : 0;
-        int corner = above && i >= 3 ? above[i - 3] : 0;
-        int residual = (row[i] - predict(filter, left, up, corner)) & 255;
-        out[i] = (unsigned char)residual;
-        cost += residual < 128 ? residual : 256 - residual;
+    for (filter = 0; filter < 5; filter++) {
+        long cost = 0;
+
+        for (i = 0; i < count; i++)
+            cost += abs((signed char)residual(filter, row, above, i));
+        if (least < 0 || cost < least) {
+            least = cost;
+            best = filter;
+        }
     }
-    return cost;
+    out[0] = (unsigned char)best;
+    for (i = 0; i < count; i++)
+        out[i + 1] = residual(best, row, above, i);
 }
 
-/* All rows under their best filter; the caller frees the result. NULL without memory. */
+/* All rows under their filters, to be freed; NULL without memory. */
 static unsigned char *filter_rows(int width, int height, const unsigned char *rgb)
 {
     const size_t stride = 3 * (size_t)width;
     unsigned char *out = (unsigned char *)malloc((stride + 1) * (size_t)height);
-    int row, filter;
+    unsigned char *zeros = (unsigned char *)calloc(stride, 1);
+    size_t y;
 
-    for (row = 0; out && row < height; row++) {
-        const unsigned char *from = rgb + stride * (size_t)row;
-        const unsigned char *above = row > 0 ? from - stride : NULL;
-        unsigned char *to = out + (stride + 1) * (size_t)row;
-        long cost, best_cost = -1;
-        int best = 0;
-        for (filter = 0; filter < PNG_FILTERS; filter++) {
-            cost = filter_row(filter, from, above, stride, to);
-            if (best_cost < 0 || cost < best_cost) {
-                best_cost = cost;
-                best = filter;
-            }
-        }
-        filter_row(best, from, above, stride, to);
+    for (y = 0; out && zeros && y < (size_t)height; y++)
+        filter_row(rgb + stride * y, y ? rgb + stride * (y - 1) : zeros, stride,
+                   out + (stride + 1) * y);
+    if (!zeros) {
+        free(out);
+        out = NULL;
     }
+    free(zeros);
     return out;
 }
 
-static uint32_t crc32(const unsigned char *data, size_t count)
+static uint32_t crc32(uint32_t crc, const unsigned char *data, size_t count)
 {
-    uint32_t crc = 0xffffffffu;
     size_t i;
     int bit;
 
-    for (i = 0; i < count; i++) {
-        crc ^= data[i];
-        for (bit = 0; bit < 8; bit++)
+    for (i = 0; i < count; i++)
+        for (crc ^= data[i], bit = 0; bit < 8; bit++)
             crc = (crc >> 1) ^ (0xedb88320u & (0u - (crc & 1u)));
-    }
-    return crc ^ 0xffffffffu;
+    return crc;
 }
 
-/* Returns where the chunk starts, for end_chunk to fill in its length. */
-static size_t begin_chunk(byte_buffer *out, const char *type)
+static void write_chunk(FILE *stream, const char *type, const unsigned char *data, size_t count)
 {
-    size_t start = out->count, i;
+    unsigned char head[8], tail[4];
 
-    put_big_endian(out, 0);
-    for (i = 0; i < 4; i++)
-        put_byte(out, (unsigned char)type[i]);
-    return start;
-}
-
-static void end_chunk(byte_buffer *out, size_t start)
-{
-    size_t length, i;
-
-    if (out->failed)
-        return;
-    length = out->count - start - 8;
-    for (i = 0; i < 4; i++)
-        out->bytes[start + i] = (unsigned char)(length >> (24 - 8 * i));
-    put_big_endian(out, crc32(out->bytes + start + 4, length + 4));
-}
-
-static void put_png(byte_buffer *out, int width, int height, const unsigned char *filtered)
-{
-    static const unsigned char signature[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
-    static const unsigned char format[5] = {8, 2, 0, 0, 0}; /* 8 bits, RGB, not interlaced */
-    size_t start, i;
-
-    for (i = 0; i < sizeof signature; i++)
-        put_byte(out, signature[i]);
-    start = begin_chunk(out, "IHDR");
-    put_big_endian(out, (uint32_t)width);
-    put_big_endian(out, (uint32_t)height);
-    for (i = 0; i < sizeof format; i++)
-        put_byte(out, format[i]);
-    end_chunk(out, start);
-    start = begin_chunk(out, "sRGB");
-    put_byte(out, 0);
-    end_chunk(out, start);
-    start = begin_chunk(out, "IDAT");
-    put_zlib(out, filtered, (3 * (size_t)width + 1) * (size_t)height);
-    end_chunk(out, start);
-    end_chunk(out, begin_chunk(out, "IEND"));
+    set_big_endian(head, (uint32_t)count);
+    memcpy(head + 4, type, 4);
+    set_big_endian(tail, ~crc32(crc32(~(uint32_t)0, head + 4, 4), data, count));
+    fwrite(head, 1, sizeof head, stream);
+    fwrite(data, 1, count, stream);
+    fwrite(tail, 1, sizeof tail, stream);
 }
 
 int image_write_png(const char *path, int width, int height, const unsigned char *rgb,
                     char *error, size_t error_size)
 {
-    byte_buffer png = {NULL, 0, 0, 0, 0, 0};
-    unsigned char *filtered;
+    static const unsigned char signature[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+    unsigned char format[13] = {0, 0, 0, 0, 0, 0, 0, 0, 8, 2, 0, 0, 0}; /* 8 bits, RGB */
+    unsigned char *filtered, *data = NULL;
     output_file file;
+    size_t count;
     int done = 0;
 
     if (!image_size_valid(width, height))
@@ -998,14 +838,36 @@ int image_write_png(const char *path, int width, int height, const unsigned char
                           width, height);
     filtered = filter_rows(width, height, rgb);
     if (filtered)
-        put_png(&png, width, height, filtered);
-    if (!filtered || png.failed) {
+        data = compress_bytes(filtered, (3 * (size_t)width + 1) * (size_t)height, &count);
+    if (!data) {
         image_fail(error, error_size, path, "not enough memory to compress the picture");
     } else if (file_create(&file, path, error, error_size)) {
-        fwrite(png.bytes, 1, png.count, file.stream);
+        fwrite(signature, 1, sizeof signature, file.stream);
+        set_big_endian(format, (uint32_t)width);
+        set_big_endian(format + 4, (uint32_t)height);
+        write_chunk(file.stream, "IHDR", format, sizeof format);
+        write_chunk(file.stream, "sRGB", (const unsigned char *)"", 1);
+        write_chunk(file.stream, "IDAT", data, count);
+        write_chunk(file.stream, "IEND", data, 0);
         done = file_close(&file, path, error, error_size);
     }
     free(filtered);
-    free(png.bytes);
+    free(data);
     return done;
+}
+
+/* ---- load.h ---- */
+
+float *load_map(const char *path, int *width, int *height)
+{
+    char error[512];
+    image map;
+
+    if (!image_read(path, &map, error, sizeof error)) {
+        fprintf(stderr, "%s\n", error);
+        return NULL;
+    }
+    *width = map.width;
+    *height = map.height;
+    return map.rgb;
 }

@@ -70,7 +70,8 @@ FILE *image_open(const char *path, char *error, size_t error_size);
 /* All bytes of a file, to be freed; NULL with the error. */
 unsigned char *image_read_bytes(const char *path, size_t *count, char *error, size_t error_size);
 
-/* Files are written under a temporary name beside `path`, and renamed once complete. */
+/* Files are written under a temporary name beside `path`, and renamed once complete. Fails where
+   `path` is a folder, a pipe or a device, which a file would replace. */
 int image_temporary_path(const char *path, char temporary[IMAGE_PATH_MAX],
                          char *error, size_t error_size);
 

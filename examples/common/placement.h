@@ -1,9 +1,9 @@
-/* placement.h: a map in the world of an engine: turned, y up, exposed and tinted, by the table that
- * was built once of the map as it is.
+/* placement.h: a map in the world of an engine: the right way round, turned, exposed and tinted, by
+ * the table that was built once of the map as it is.
  *
- *     environment e = environment_make(kd, &image);      z up, exposure 1, white
- *     environment_y_up(&e, 0);
- *     environment_turn(&e, up, 0.5f);
+ *     environment e = environment_make(kd, &image);      the map's own axes, exposure 1, white
+ *     if (!environment_place(&e, "three.js")) ...        as that engine shows the same picture
+ *     environment_rotate(&e, 0.5f);                      about the engine's up axis, radians
  *     e.exposure = 2.0f;
  *     environment_light light = environment_sample(&e, u0, u1);
  *     float pdf = environment_pdf(&e, bsdf_dir);         all directions are the world's
@@ -18,9 +18,9 @@
  * to (k - 1)^2 / 4k at most, where the table itself has none: 0.13 at k = 2, 2 at k = 10. That
  * takes a map of red and blue lamps; in a grey map it is 0, and each channel by itself has the
  * variance that it had. Rebuild, with the tint in the pixels, where a strong tint is to stay and
- * the map is colourful: examples/placement.c prints the excess variance before and after.
+ * the map is colourful.
  *
- * Valid C and C++. Needs envsamp.h and -lm.
+ * Valid C and C++. Needs envsamp.h and -lm. examples/render has another type `environment`.
  */
 #ifndef PLACEMENT_H
 #define PLACEMENT_H
@@ -28,11 +28,7 @@
 #include "../../envsamp.h"
 
 #include <math.h>
-
-/* How radiance is looked up between texels. The table must be built for the lookup that is used,
-   so the same constant goes into desc.nearest and into envsamp_lookup. The default is 0; here it is
-   1, so that a sum over texels is exact and everything can be checked against it. */
-#define NEAREST 1
+#include <string.h>
 
 typedef struct environment {
     const envsamp_kd *kd;        /* of *image as it is: nothing below was known to the build */
@@ -40,6 +36,7 @@ typedef struct environment {
     float to_map[3][3];          /* from world to map; row i is the map's axis i, in the world */
     float exposure;              /* factor of radiance; 2^EV */
     float tint[3];               /* factor of each channel, 0 or more */
+    int nearest;                 /* how to look up: as the table was built */
 } environment;
 
 /* A direction of the world, its density per steradian, and the light that comes from there. */
@@ -47,29 +44,69 @@ typedef struct environment_light {
     float dir[3], pdf, radiance[3];
 } environment_light;
 
+/* How an engine shows a picture that it is given. */
+typedef struct environment_preset {
+    const char *name;
+    float to_map[3][3];          /* from its world to the map; row 2 is its up axis */
+    envsamp_mapping mapping;     /* of the pictures that it reads */
+} environment_preset;
+
 /* ---- placing ---- */
 
-/* In an engine with z up: the map as it is. */
+/* Matrices are from each engine's lookup, direction to u and v, which tests/test_placement.c has in
+ * formulas. A name of NULL ends the table. Where an engine turns its environment by a setting, the
+ * matrix is that of the setting at zero; pbrt's are in the light's own space.
+ *
+ * Unreal: a picture imported as a cube map. Filament: cube maps that cmgen or
+ * IBLPrefilterContext made with their default, mirrored. Unity: the material Skybox/Panoramic; what
+ * it imports as a cube map was not checked, and so is left out. glTF has no such maps itself, but
+ * its Sample Viewer has. */
+static inline const environment_preset *environment_presets(void)
+{
+    static const environment_preset presets[] = {
+        { "three.js",           { { -1, 0, 0 }, { 0, 0, -1 }, { 0, 1, 0 } }, ENVSAMP_LATLONG },
+        { "Blender Cycles",     { { -1, 0, 0 }, { 0, 1, 0 },  { 0, 0, 1 } }, ENVSAMP_LATLONG },
+        { "Mitsuba 3",          { { 0, 0, -1 }, { 1, 0, 0 },  { 0, 1, 0 } }, ENVSAMP_LATLONG },
+        { "Unity",              { { -1, 0, 0 }, { 0, 0, 1 },  { 0, 1, 0 } }, ENVSAMP_LATLONG },
+        { "Unreal",             { { 0, 1, 0 },  { -1, 0, 0 }, { 0, 0, 1 } }, ENVSAMP_LATLONG },
+        { "Godot 4",            { { 0, 0, -1 }, { 1, 0, 0 },  { 0, 1, 0 } }, ENVSAMP_LATLONG },
+        { "Filament",           { { 0, 0, -1 }, { 1, 0, 0 },  { 0, 1, 0 } }, ENVSAMP_LATLONG },
+        { "glTF Sample Viewer", { { -1, 0, 0 }, { 0, 0, -1 }, { 0, 1, 0 } }, ENVSAMP_LATLONG },
+        { "Tungsten",           { { -1, 0, 0 }, { 0, 0, -1 }, { 0, 1, 0 } }, ENVSAMP_LATLONG },
+        { "pbrt-v3",            { { 1, 0, 0 },  { 0, 1, 0 },  { 0, 0, 1 } }, ENVSAMP_LATLONG },
+        { "pbrt-v4",            { { 1, 0, 0 },  { 0, 1, 0 },  { 0, 0, 1 } }, ENVSAMP_OCTAHEDRAL },
+        { NULL,                 { { 0, 0, 0 },  { 0, 0, 0 },  { 0, 0, 0 } }, ENVSAMP_LATLONG }
+    };
+
+    return presets;
+}
+
+/* In a world whose axes are the map's. */
 static inline environment environment_make(const envsamp_kd *kd, const envsamp_image *map)
 {
-    const environment e = { kd, map, { { 1, 0, 0 }, { 0, 1, 0 }, { 0, 0, 1 } }, 1, { 1, 1, 1 } };
+    environment e = { kd, map, { { 1, 0, 0 }, { 0, 1, 0 }, { 0, 0, 1 } }, 1, { 1, 1, 1 }, 0 };
+    envsamp_kd_info info;
 
+    if (envsamp_kd_get_info(kd, &info) == ENVSAMP_OK)
+        e.nearest = info.nearest;
     return e;
 }
 
-/* In an engine with y up, the map not turned: its +z is the engine's +y, its +x remains +x, and u
-   runs from there towards -z, where the map's +y is. In a left-handed engine u runs towards +z: the
-   same place, as the z axis points the other way; that matrix mirrors one axis, determinant -1. The
-   matrix of the other hand shows the map mirrored, left and right exchanged. Sample and pdf still
-   agree then, so neither noise nor energy tells: look at writing in the map. */
-static inline void environment_y_up(environment *e, int left_handed)
-{
-    const float to_map[3][3] = { { 1, 0, 0 }, { 0, 0, left_handed ? 1.0f : -1.0f }, { 0, 1, 0 } };
-    int i, k;
+/* As the engine of that name shows the picture; ends all turns before. Returns 0, with nothing
+   changed, for another name, and for a map of another mapping than the engine reads.
 
-    for (i = 0; i < 3; i++)
-        for (k = 0; k < 3; k++)
-            e->to_map[i][k] = to_map[i][k];
+   Why a table: the mirror image has the same energy and noise, and sample and pdf agree in it, so
+   nothing but a look at writing in the map tells that it is wrong. */
+static inline int environment_place(environment *e, const char *name)
+{
+    const environment_preset *preset = environment_presets();
+
+    while (preset->name && strcmp(preset->name, name))
+        preset++;
+    if (!preset->name || preset->mapping != e->image->mapping)
+        return 0;
+    memcpy(e->to_map, preset->to_map, sizeof e->to_map);
+    return 1;
 }
 
 /* Turns the placed map about a unit axis of the world, radians, from x to y when it is z: by the
@@ -91,6 +128,15 @@ static inline void environment_turn(environment *e, const float axis[3], float a
             e->to_map[i][k] = c * v[k] + s * (axis[a] * v[b] - axis[b] * v[a]) + along * axis[k];
         }
     }
+}
+
+/* Turns the map about its own vertical axis, which after environment_place is the engine's up axis:
+   radians, as the engine turns an object by that angle. */
+static inline void environment_rotate(environment *e, float angle)
+{
+    const float up[3] = { e->to_map[2][0], e->to_map[2][1], e->to_map[2][2] };
+
+    environment_turn(e, up, angle);
 }
 
 /* ---- using ---- */
@@ -119,7 +165,7 @@ static inline void environment_lookup(const environment *e, const float map_dir[
 {
     int i;
 
-    envsamp_lookup(e->image, NEAREST, map_dir, radiance);
+    envsamp_lookup(e->image, e->nearest, map_dir, radiance);
     for (i = 0; i < 3; i++)
         radiance[i] *= e->exposure * e->tint[i];
 }

@@ -1,7 +1,7 @@
-/* facing.c: spheres on a plane, with shadows, lit by a map: light x cosine from one table, beside
+/* facing_gallery.c: spheres on a plane, with shadows, lit by a map: light x cosine from one table, beside
  * light alone and multiple importance sampling.
  *
- *     facing [-q] [-o FOLDER] [MAP]
+ *     facing_gallery [-q] [-o FOLDER] [MAP]
  *
  * MAP is a lat-long HDR or PFM file or a name of maps.h; the default is studio. All is diffuse,
  * but one sphere has a wide glossy lobe. The point of every pixel is lit by 4, 16 and 64 samples:
@@ -27,8 +27,8 @@
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
-#include "common/folder.h"
-#include "common/maps.h"
+#include "../examples/common/folder.h"
+#include "../examples/common/maps.h"
 
 #define SCENE_GLOSS 8.0f
 #define SCENE_SPHERES                                                                       \
@@ -39,7 +39,7 @@
     {{0.6f, -1.0f, 0.4f}, 0.4f, 0}, {{-2.2f, -1.1f, 0.35f}, 0.35f, 0},                      \
     {{2.35f, -1.0f, 0.45f}, 0.45f, 0}, {{0.0f, -1.9f, 0.25f}, 0.25f, 0},                    \
     {{1.3f, -1.7f, 0.3f}, 0.3f, 0}, {{-1.35f, -1.6f, 0.3f}, 0.3f, 0}
-#include "common/mis_scene.h"
+#include "../examples/common/mis_scene.h"
 
 #include <stdlib.h>
 #include <time.h>

@@ -7,15 +7,15 @@
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
-#include "../bench/baselines.h"
-#include "common/folder.h"
-#include "common/image.h"
-#include "common/irradiance.h"
-#include "common/map_pictures.h"
-#include "common/maps.h"
-#include "common/mis_scene.h"
-#include "common/random.h"
-#include "common/spheres.h"
+#include "baselines.h"
+#include "../examples/common/folder.h"
+#include "../examples/common/image.h"
+#include "../examples/common/irradiance.h"
+#include "../examples/common/map_pictures.h"
+#include "../examples/common/maps.h"
+#include "../examples/common/mis_scene.h"
+#include "../examples/common/random.h"
+#include "../examples/common/spheres.h"
 
 #include <stdio.h>
 #include <stdlib.h>
