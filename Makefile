@@ -116,7 +116,8 @@ unbiased: setup  ## every sampling method of the renderer beside a reference, at
 
 # The real maps, where make data has fetched them.
 gallery: setup  ## every picture of the README, in build/pictures
-	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip demo lights_gallery facing_gallery product)
+	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip demo lights_gallery \
+	    facing_gallery product)
 	@mkdir -p $(BUILD)/pictures $(BUILD)/references
 	$(BUILD)/strip -t $(JOBS) $(MAP_WORD)
 	$(BUILD)/demo -o $(BUILD)/pictures

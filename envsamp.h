@@ -111,9 +111,10 @@
  *     radiance  exposure * tint * envsamp_lookup(matrix world)
  *
  * - Rotations and mirrors keep solid angle, and pdf with it. Scales and shears do not.
- * - y up: rows (1,0,0), (0,0,-1), (0,1,0). Left-handed: (1,0,0), (0,0,1), (0,1,0), which mirrors; u
- *   runs the other way in the engine's coordinates. The wrong hand is unbiased, but left and right
- *   are exchanged.
+ * - A picture is mirrored for most engines. The same way round as they show it, map (x, y, z) is, of
+ *   the engine's axes: Cycles (-x, y, z); three.js (-x, -z, y); Mitsuba 3, Godot 4 and Filament
+ *   (-z, x, y); Unity (-x, z, y); Unreal (y, -x, z); pbrt (x, y, z). The wrong hand is unbiased, but
+ *   left and right are exchanged.
  * - Exposure multiplies radiance, never pdf.
  * - So does a tint. The result is unbiased, but samples follow the luminance before the tint. Where
  *   its largest factor is k times the smallest, this adds at most (k - 1)^2 / 4k of excess variance
