@@ -538,6 +538,8 @@ if have "${cxx%% *}"; then
         check "$example compiles as C++" $cxx -x c++ -std=c++11 $strict \
             -c "$root/examples/$example.c" -o "$work/a.o"
     done
+    echo '#include "examples/common/cube.h"' >"$work/cube.c"
+    check "cube.h compiles as C++" $cxx -x c++ -std=c++11 $strict -c "$work/cube.c" -o "$work/a.o"
 else
     skip "no $cxx"
 fi
