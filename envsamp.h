@@ -111,10 +111,10 @@
  *     radiance  exposure * tint * envsamp_lookup(matrix world)
  *
  * - Rotations and mirrors keep solid angle, and pdf with it. Scales and shears do not.
- * - A picture is mirrored for most engines. The same way round as they show it, map (x, y, z) is, of
- *   the engine's axes: Cycles (-x, y, z); three.js (-x, -z, y); Mitsuba 3, Godot 4 and Filament
- *   (-z, x, y); Unity (-x, z, y); Unreal (y, -x, z); pbrt (x, y, z). The wrong hand is unbiased, but
- *   left and right are exchanged.
+ * - A picture is mirrored in most engines. The same way round as they show it, map (x, y, z) is,
+ *   of the engine's axes: Cycles (-x, y, z); three.js (-x, -z, y); Mitsuba 3, Godot 4, Filament
+ *   (-z, x, y); Unity (-x, z, y); Unreal (y, -x, z); pbrt (x, y, z). The wrong hand is unbiased,
+ *   but left and right are exchanged.
  * - Exposure multiplies radiance, never pdf.
  * - So does a tint. The result is unbiased, but samples follow the luminance before the tint. Where
  *   its largest factor is k times the smallest, this adds at most (k - 1)^2 / 4k of excess variance
@@ -8767,8 +8767,8 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 #endif /* ENVSAMP_IMPLEMENTATION */
 
 /* CHANGES
- * 0.2  Zero is the default in every description: `bilinear` became `nearest`, `repeat` became `once`,
- *      EXCESS and RELAXED are the first of their enums. Light x cosine (`facing`), excess_target,
+ * 0.2  Zero is the default in every description: `bilinear` became `nearest`, `repeat` became
+ *      `once`, EXCESS and RELAXED are the first of their enums. Light x cosine (`facing`), excess_target,
  *      importance_exponent, _build_rows, ENVSAMP_ALLOC, ENVSAMP_NO_FIT, _NO_CDF, _NO_LIGHTS.
  *      Tables of 0.1 do not open.
  * 0.1  kd, cdf, halftone, lights, lm.
