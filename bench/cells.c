@@ -51,6 +51,8 @@ static long read_all(cells *all, FILE *file)
         double value[CELL_VALUES];
 
         end = ftell(file);
+        if (line[0] == '#' && strlen(all->header) + strlen(line) < sizeof all->header)
+            strcat(all->header, line);
         if (line[0] != '#' && parse(line, value) && !put(all, line, value))
             return -1;
     }
@@ -74,8 +76,10 @@ int cells_open(cells *all, const char *path, const char *header, char *error, si
         return 0;
     }
     fseek(all->file, end, SEEK_SET);        /* over what was cut off */
-    if (end == 0)
+    if (end == 0) {
+        snprintf(all->header, sizeof all->header, "%s\n", header);
         fprintf(all->file, "%s\n", header);
+    }
     fflush(all->file);
     return 1;
 }

@@ -27,6 +27,7 @@ typedef struct cells {
     FILE *file;
     cell *list;
     size_t count, room;
+    char header[512];                /* of the file: with what its cells were measured */
 } cells;
 
 /* Reads what is there; a new file begins with `header`. A last line that was cut off is dropped.

@@ -283,7 +283,7 @@ static void print_ergun(FILE *out, const cells *all)
     fprintf(out, "\n## [Ergun et al. 2012], figures 3 to 6\n\nFrames a second over those of "
             "inversion at 8, 16, 32 and 64 samples a pixel, without MIS, independent\nnumbers; and "
             "PSNR in dB in the time that inversion takes for 8. Published: 72 : 19 frames on a GPU."
-            "\n\n| map | where | method | 8 | 16 | 32 | 64 | PSNR | of inversion |\n"
+            "\n\n| map | scene | method | 8 | 16 | 32 | 64 | PSNR | of inversion |\n"
             "|---|---|---|---|---|---|---|---|---|\n");
     for (m = 0; m < 3; m++)
         for (s = 0; s < TABLE_SCENES; s++)
@@ -345,8 +345,7 @@ static void print_calls(FILE *out, const cells *all)
                 mean_of(all, "calls-pdf", table_calls[i].label, CELL_OWN));
 }
 
-int report_write(const cells *all, const char *path, const char *header, char *error,
-                 size_t error_size)
+int report_write(const cells *all, const char *path, char *error, size_t error_size)
 {
     char temporary[IMAGE_PATH_MAX];
     FILE *out;
@@ -357,9 +356,9 @@ int report_write(const cells *all, const char *path, const char *header, char *e
     out = fopen(temporary, "w");
     if (!out)
         return image_fail(error, error_size, path, "cannot be written");
-    fprintf(out, "# The renderer's tables (make tables)\n\n```\n%s\n```\n\n%zu cells in "
+    fprintf(out, "# The renderer's tables (make tables)\n\n```\n%s```\n\n%zu cells in "
             "render.csv. Maps: 18 real ones at 512x256; scenes: vase, cube, knot, chrome.\n",
-            header, all->count);
+            all->header, all->count);
     print_samplers(out, all, "samplers", "direct light");
     print_samplers(out, all, "bounces", "5 bounces");
     print_calls(out, all);

@@ -43,7 +43,6 @@ void report_header(char *header, size_t size, const char *flags, const char *com
                    const stage_config *direct, const stage_config *bounced);
 
 /* Writes the tables of which there are cells. Returns 0, with one line in `error`. */
-int report_write(const cells *all, const char *path, const char *header, char *error,
-                 size_t error_size);
+int report_write(const cells *all, const char *path, char *error, size_t error_size);
 
 #endif

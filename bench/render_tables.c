@@ -595,7 +595,7 @@ int main(int argc, char **argv)
     for (i = p.quick ? REPORT_REAL : 0; i < REPORT_MAPS; i++)
         measure_map(&p, i, argc - names, argv + names);
     snprintf(path, sizeof path, "%s/render.md", p.folder);
-    if (!report_write(&p.cells, path, header, error, sizeof error))
+    if (!report_write(&p.cells, path, error, sizeof error))
         fail(error);
     cells_close(&p.cells);
     printf("%s\n", path);
