@@ -39,7 +39,7 @@ RENDER_PARTS := scene shapes material environment inversion integrator lights up
 COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
 EXAMPLES := $(addprefix $(BUILD)/, quickstart path_tracer lights halftone table_file placement \
               lights_gallery facing_gallery product demo_exr \
-              $(if $(EMBREE),render render_unbiased))
+              $(if $(EMBREE),render render_unbiased render_tables))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard examples/common/*.h examples/render/*.h tests/*.h bench/*.h)

@@ -3,6 +3,7 @@
  * tests/test_stack.sh links it with implementations, so that nothing is inlined into the calls.
  */
 #include "check.h"
+#define ENVSAMP_ALLOC
 #include "envsamp.h"
 #include <pthread.h>
 #include <stdlib.h>
@@ -114,6 +115,10 @@ static void call_kd_sizes(void)
 
 static void call_kd_build(void)
 {
+    envsamp_kd *own = envsamp_kd_new(&map, &kd_desc, NULL);
+
+    fails(!own);
+    envsamp_kd_free(own);
     fails(envsamp_kd_build(&map, &kd_desc, table, scratch, &kd)
           || envsamp_kd_build_rows(&map, give_row, &map, &kd_desc, table, scratch, &kd));
 }
@@ -186,6 +191,10 @@ static void call_cdf_sizes(void)
 
 static void call_cdf_build(void)
 {
+    envsamp_cdf *own = envsamp_cdf_new(&map, &cdf_desc, NULL);
+
+    fails(!own);
+    envsamp_cdf_free(own);
     fails(envsamp_cdf_build(&map, &cdf_desc, table, scratch, &cdf)
           || envsamp_cdf_build_rows(&map, give_row, &map, &cdf_desc, table, scratch, &cdf));
 }

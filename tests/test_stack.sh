@@ -9,6 +9,7 @@ count=0
 
 {
     echo "#define ENVSAMP_IMPLEMENTATION"
+    echo "#define ENVSAMP_ALLOC"
     echo '#include "envsamp.h"'
 } >"$tmp/library.c"
 cp "$tmp/library.c" "$tmp/library.cpp"
