@@ -63,7 +63,7 @@ TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o)
 
 .PHONY: help demo check install lights facing product render unbiased gallery tables test bench \
         scale fuzz corpus mutants coverage figures facing-table convergence halftone scene lamps \
-        coarse shapes builds targets importance least-squares again portability \
+        coarse shapes builds targets importance least-squares left-out again portability \
         portability-setup data setup clean
 
 help:  ## list the targets
@@ -113,6 +113,17 @@ render: setup  ## a scene under a map, by Embree, and its picture; MAP=file, REN
 unbiased: setup  ## every sampling method of the renderer beside a reference, at 1024 samples
 	@$(MAKE) --no-print-directory $(BUILD)/render_unbiased
 	$(BUILD)/render_unbiased -t $(JOBS) 1024
+
+left-out: | $(BUILD)  ## compile time and text of the header, whole and with parts left out
+	@for part in "" NO_LIGHTS NO_CDF NO_FIT "NO_LIGHTS NO_CDF NO_FIT"; do \
+	    flags=; for one in $$part; do flags="$$flags -DENVSAMP_$$one"; done; \
+	    start=$$(date +%s%N); \
+	    $(CC) -std=c99 $(CFLAGS) -DENVSAMP_IMPLEMENTATION $$flags -x c -c envsamp.h \
+	        -o $(BUILD)/left_out.o || exit 1; \
+	    printf '%-24s %5d ms %7s bytes of text\n' "$${part:-all}" \
+	        $$((($$(date +%s%N) - start) / 1000000)) \
+	        "$$(size $(BUILD)/left_out.o | awk 'NR == 2 { print $$1 }')"; \
+	done
 
 # The real maps, where make data has fetched them.
 gallery: setup  ## every picture of the README, in build/pictures
