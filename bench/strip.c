@@ -3,10 +3,10 @@
  *
  *     strip [-t THREADS] [-o FILE.png] [MAP [SCENE]]
  *
- * MAP is a file; data/city.pfm, or, where it is missing, the made-up studio. Samples are with MIS.
- * Every panel takes the processor time of four samples a pixel by inversion, within a sample; of
- * lights, as many as a doubling finds. The number is FLIP: how visible the difference from the
- * reference is, 0 to 1.
+ * MAP is a file; data/city.pfm, or, where it is missing, the made-up studio. Samples are with MIS,
+ * ours with compensation. Every panel takes the processor time of four samples a pixel by inversion,
+ * within a sample; of lights, as many as a doubling finds. The number is FLIP: how visible the
+ * difference from the reference is, 0 to 1.
  */
 #include "stage.h"
 
@@ -52,9 +52,9 @@ static method open_method(const stage *s, const char *name, float compensation)
 }
 
 /* As many samples as fit into `budget` seconds, or SAMPLES where that is 0. Returns how many. */
-static uint32_t shade_samples(const stage *s, const char *name, double *budget, image *out)
+static uint32_t shade_samples(const stage *s, int which, double *budget, image *out)
 {
-    method by = open_method(s, name, 0.0f);
+    method by = open_method(s, methods[which], which == INVERSION ? 0.0f : 1.0f);
     double once = stage_render(s, &by, SAMPLES, 0, SEED, out) / SAMPLES;
     uint32_t count = SAMPLES;
 
@@ -122,7 +122,7 @@ static void draw_strip(const stage *s, const char *path)
         fail("out of memory");
     picture_fill(&canvas, 0, 0, canvas.width, canvas.height, ground);
     for (which = 0; which < LIGHTS; which++)
-        draw_panel(&canvas, which, s, &shown, shade_samples(s, methods[which], &budget, &shown));
+        draw_panel(&canvas, which, s, &shown, shade_samples(s, which, &budget, &shown));
     for (which = 16; shade_lights(s, which, &shown) < budget && which < 1024; which *= 2)
         ;
     draw_panel(&canvas, LIGHTS, s, &shown, (unsigned)which);
