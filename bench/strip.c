@@ -4,9 +4,9 @@
  *     strip [-t THREADS] [-o FILE.png] [MAP [SCENE]]
  *
  * MAP is a file; data/city.pfm, or, where it is missing, the made-up studio. Samples are with MIS,
- * ours with compensation. Every panel takes the processor time of four samples a pixel by inversion,
- * within a sample; of lights, as many as a doubling finds. The number is FLIP: how visible the
- * difference from the reference is, 0 to 1.
+ * ours with compensation. Every panel takes the processor time of four samples a pixel by
+ * inversion, within a sample; of lights, as many as a doubling finds. The number is FLIP: how
+ * visible the difference from the reference is, 0 to 1.
  */
 #include "stage.h"
 
