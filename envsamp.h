@@ -1599,13 +1599,13 @@ typedef struct envsamp__source {
     float *side[2];             /* octahedral, bilinear: first and last texel of every row */
     int bilinear, strict;
     float compensation, dim;    /* MIS compensation, and what is subtracted for it */
-    float exponent, power;      /* of importance, and what is in force of it: 0 none */
+    float exponent, power;      /* of importance; the power in force, 0 for none */
     double integral;            /* of luminance, and its maximum, if the map was surveyed */
     float brightest;
     size_t bad_pixel_count;
 } envsamp__source;
 
-/* Of a description, what both kd and cdf have counts. */
+/* Reads the fields that descriptions of kd and cdf share. */
 static void envsamp__source_carve(envsamp__source *source, const envsamp_image *image,
                                   const envsamp_kd_desc *desc, envsamp__arena *arena)
 {
@@ -2239,8 +2239,8 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
  * positive numbers, in double: nothing cancels, unlike in differences of summed-area tables.
  * ========================================================================================== */
 
-/* Begins to read: makes rows, and solid angles of the rows of every level. Returns
-   whether all rows are read once before a build begins. */
+/* Begins to read: makes rows, and solid angles of the rows of every level. Returns whether all
+   rows are read once before a build begins. */
 static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
                                  void *user)
 {
@@ -3872,7 +3872,7 @@ struct envsamp__job {
     envsamp_result result;
     envsamp__phase phase;
     int next;                       /* the item of the phase */
-    int is_reread;                  /* of luminance, not importance, after draws were chosen */
+    int is_reread;                  /* draws are chosen; rows are read again, for figures */
     uint32_t magic;                 /* of a finished table */
     envsamp__check sums;
     int (*work)(void *job, int item);   /* of the other phases; 0 at the end of one */
@@ -3908,8 +3908,8 @@ static void envsamp__job_start(envsamp__job *job, void *table, uint32_t magic,
                ? ENVSAMP__SURVEY : ENVSAMP__ROWS;
 }
 
-/* Where draws were chosen by another importance than luminance, has the rows read again as they
-   are, for the figures of the table. Returns whether it does. */
+/* Once draws are chosen by a power of luminance, starts to read the rows again, without the power,
+   for the figures of the table. Returns 0, and does nothing, where no power is in force. */
 static int envsamp__job_reread(envsamp__job *job)
 {
     if (!(job->source.power > 0.0f))
@@ -4795,6 +4795,18 @@ static envsamp_result envsamp__allocate(const envsamp_sizes *sizes, envsamp_buff
     return table->data && scratch->data ? ENVSAMP_OK : ENVSAMP_ERR_MEMORY;
 }
 
+/* Frees scratch and, after a failure, the table, which else is returned. */
+static void *envsamp__keep_table(envsamp_result got, envsamp_buffer table, envsamp_buffer scratch,
+                                 envsamp_result *result)
+{
+    ENVSAMP_FREE(scratch.data);
+    if (got != ENVSAMP_OK)
+        ENVSAMP_FREE(table.data);
+    if (result)
+        *result = got;
+    return got == ENVSAMP_OK ? table.data : NULL;
+}
+
 ENVSAMP_DEF envsamp_kd *envsamp_kd_new(const envsamp_image *image, const envsamp_kd_desc *desc,
                                        envsamp_result *result)
 {
@@ -4805,12 +4817,7 @@ ENVSAMP_DEF envsamp_kd *envsamp_kd_new(const envsamp_image *image, const envsamp
 
     got = got == ENVSAMP_OK ? envsamp__allocate(&sizes, &table, &scratch) : got;
     got = got == ENVSAMP_OK ? envsamp_kd_build(image, desc, table, scratch, &kd) : got;
-    ENVSAMP_FREE(scratch.data);
-    if (got != ENVSAMP_OK)
-        ENVSAMP_FREE(table.data);
-    if (result)
-        *result = got;
-    return got == ENVSAMP_OK ? (envsamp_kd *)table.data : NULL;
+    return (envsamp_kd *)envsamp__keep_table(got, table, scratch, result);
 }
 
 ENVSAMP_DEF void envsamp_kd_free(envsamp_kd *kd) { ENVSAMP_FREE(kd); }
@@ -6145,12 +6152,7 @@ ENVSAMP_DEF envsamp_cdf *envsamp_cdf_new(const envsamp_image *image, const envsa
 
     got = got == ENVSAMP_OK ? envsamp__allocate(&sizes, &table, &scratch) : got;
     got = got == ENVSAMP_OK ? envsamp_cdf_build(image, desc, table, scratch, &cdf) : got;
-    ENVSAMP_FREE(scratch.data);
-    if (got != ENVSAMP_OK)
-        ENVSAMP_FREE(table.data);
-    if (result)
-        *result = got;
-    return got == ENVSAMP_OK ? (envsamp_cdf *)table.data : NULL;
+    return (envsamp_cdf *)envsamp__keep_table(got, table, scratch, result);
 }
 
 ENVSAMP_DEF void envsamp_cdf_free(envsamp_cdf *cdf) { ENVSAMP_FREE(cdf); }

@@ -201,44 +201,54 @@ numbers pixel_ray(const scene *s, const film *f, int x, int y, int side, int ind
 }
 
 typedef struct film_pass {
-    const render_job *job;
     film *film;
     uint32_t first, count;
+    film_shade shade;
+    const void *job;
 } film_pass;
-
-static void shade_pixel(const film_pass *pass, int x, int y)
-{
-    const render_job *job = pass->job;
-    uint32_t i;
-
-    for (i = pass->first; i < pass->first + pass->count; i++) {
-        float from[3], dir[3], rgb[3] = {0.0f, 0.0f, 0.0f};
-        const numbers n = pixel_ray(job->scene, pass->film, x, y, job->side, job->independent,
-                                    job->seed, i, from, dir);
-
-        trace(job, &n, from, dir, rgb);
-        film_add(pass->film, x, y, rgb);
-    }
-}
 
 static void shade_tile(void *user, const tile *t)
 {
     const film_pass *pass = user;
+    uint32_t i;
     int x, y;
 
     for (y = t->top; y < t->bottom; y++)
         for (x = t->left; x < t->right; x++)
-            shade_pixel(pass, x, y);
+            for (i = pass->first; i < pass->first + pass->count; i++) {
+                float rgb[3] = {0.0f, 0.0f, 0.0f};
+
+                pass->shade(pass->job, pass->film, x, y, i, rgb);
+                film_add(pass->film, x, y, rgb);
+            }
+}
+
+void film_run(film *f, uint32_t count, int threads, film_shade shade, const void *job,
+              const tile_progress *progress)
+{
+    film_pass pass;
+
+    pass.film = f;
+    pass.first = f->samples;
+    pass.count = count;
+    pass.shade = shade;
+    pass.job = job;
+    tiles_run(f->width, f->height, threads, shade_tile, &pass, progress);
+    f->samples += count;
+}
+
+static void shade_sample(const void *user, const film *f, int x, int y, uint32_t sample,
+                         float rgb[3])
+{
+    const render_job *job = user;
+    float from[3], dir[3];
+    const numbers n = pixel_ray(job->scene, f, x, y, job->side, job->independent, job->seed,
+                                sample, from, dir);
+
+    trace(job, &n, from, dir, rgb);
 }
 
 void render_samples(const render_job *job, film *f, uint32_t count)
 {
-    film_pass pass;
-
-    pass.job = job;
-    pass.film = f;
-    pass.first = f->samples;
-    pass.count = count;
-    tiles_run(f->width, f->height, job->threads, shade_tile, &pass, job->progress);
-    f->samples += count;
+    film_run(f, count, job->threads, shade_sample, job, job->progress);
 }

@@ -37,6 +37,15 @@ void film_add(film *f, int x, int y, const float rgb[3]);
 /* The mean, into an image of that size. */
 void film_image(const film *f, image *out);
 
+/* What a sample of a pixel shows, added to rgb. */
+typedef void (*film_shade)(const void *job, const film *f, int x, int y, uint32_t sample,
+                           float rgb[3]);
+
+/* Adds `count` samples a pixel, by threads over tiles. progress may be NULL. The sum is the same
+   however they are divided among calls and threads. */
+void film_run(film *f, uint32_t count, int threads, film_shade shade, const void *job,
+              const tile_progress *progress);
+
 typedef struct render_job {
     const scene *scene;
     const environment *environment;

@@ -355,51 +355,23 @@ static void shade_point(const product_job *job, product_point *p, uint32_t seed,
 
 /* ---- pictures ---- */
 
-typedef struct product_pass {
-    const product_job *job;
-    film *film;
-    uint32_t first, count;
-} product_pass;
-
-static void shade_pixel(const product_pass *pass, int x, int y)
+static void shade_sample(const void *user, const film *f, int x, int y, uint32_t sample,
+                         float rgb[3])
 {
-    const product_job *job = pass->job;
-    uint32_t i;
+    const product_job *job = user;
+    float from[3], dir[3];
+    const numbers n = pixel_ray(job->scene, f, x, y, job->side, 0, job->seed, sample, from, dir);
+    product_point p;
 
-    for (i = pass->first; i < pass->first + pass->count; i++) {
-        float from[3], dir[3], rgb[3] = {0.0f, 0.0f, 0.0f};
-        const numbers n = pixel_ray(job->scene, pass->film, x, y, job->side, 0, job->seed, i, from,
-                                    dir);
-        product_point p;
-
-        if (scene_closest(job->scene, from, dir, &p.hit)) {
-            make_point(&p, dir);
-            shade_point(job, &p, hash_combine(n.seed, 0x10000u + n.sample), rgb);
-        } else {
-            environment_radiance(job->environment, dir, rgb);
-        }
-        film_add(pass->film, x, y, rgb);
+    if (scene_closest(job->scene, from, dir, &p.hit)) {
+        make_point(&p, dir);
+        shade_point(job, &p, hash_combine(n.seed, 0x10000u + n.sample), rgb);
+    } else {
+        environment_radiance(job->environment, dir, rgb);
     }
-}
-
-static void shade_tile(void *user, const tile *t)
-{
-    const product_pass *pass = user;
-    int x, y;
-
-    for (y = t->top; y < t->bottom; y++)
-        for (x = t->left; x < t->right; x++)
-            shade_pixel(pass, x, y);
 }
 
 void product_samples(const product_job *job, film *f, uint32_t count)
 {
-    product_pass pass;
-
-    pass.job = job;
-    pass.film = f;
-    pass.first = f->samples;
-    pass.count = count;
-    tiles_run(f->width, f->height, job->threads, shade_tile, &pass, job->progress);
-    f->samples += count;
+    film_run(f, count, job->threads, shade_sample, job, job->progress);
 }
