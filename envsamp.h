@@ -411,6 +411,22 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
 ENVSAMP_DEF envsamp_result envsamp_kd_step(envsamp_kd_job *job, int count, int *done);
 ENVSAMP_DEF envsamp_result envsamp_kd_finish(envsamp_kd_job *job, const envsamp_kd **kd);
 
+/* As envsamp_kd_begin, for a map of which only rows first_row to first_row + row_count - 1 have
+   changed since the last build from it: only these are read. The table is the same, bit for bit, as
+   that of a build from all rows. The description may differ from the last one, but for `nearest`.
+   scratch: as the last build left it, finished or not, once it has read all rows; or a copy.
+   With compensation, an exponent, or an octahedral map that is looked up bilinearly, all rows are
+     read, and scratch need not be that of a build.
+   Returns what _begin would; ENVSAMP_ERR_PARAM for negative rows, which may reach beyond the map;
+     ENVSAMP_ERR_FORMAT if scratch is not that of a build of a map of the same size, channels and
+     mapping, with the same `nearest`, without compensation and exponent.
+   Time: saves a quarter of a WARP build at 2048 by 1024, two thirds at 8192 by 4096. */
+ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, envsamp_row_fn fn,
+                                                    void *user, const envsamp_kd_desc *desc,
+                                                    int first_row, int row_count,
+                                                    envsamp_buffer table, envsamp_buffer scratch,
+                                                    envsamp_kd_job **job);
+
 /* Opens a table that was stored, mapped or copied: checks in linear time that it is whole, and
    that no sample and no pdf can read outside of it. `table` must stay in place while *kd is used,
    and be aligned to ENVSAMP_ALIGN. Returns ENVSAMP_ERR_NULL, _ALIGN or _FORMAT. */
@@ -1598,6 +1614,7 @@ typedef struct envsamp__source {
     float *row;                 /* what fn fills */
     float *side[2];             /* octahedral, bilinear: first and last texel of every row */
     int bilinear, strict;
+    int is_surveyed;            /* all rows are read once before a build begins */
     float compensation, dim;    /* MIS compensation, and what is subtracted for it */
     float exponent, power;      /* of importance; the power in force, 0 for none */
     double integral;            /* of luminance, and its maximum, if the map was surveyed */
@@ -1616,6 +1633,7 @@ static void envsamp__source_carve(envsamp__source *source, const envsamp_image *
     source->strict = desc->strict;
     source->compensation = desc->mis_compensation;
     source->exponent = desc->importance_exponent;
+    source->is_surveyed = folds || source->compensation > 0.0f || source->exponent != 1.0f;
     source->row = ENVSAMP__TAKE(float, arena, (uint64_t)image->width * (uint64_t)image->channels);
     source->side[0] = ENVSAMP__TAKE(float, arena, folds);
     source->side[1] = ENVSAMP__TAKE(float, arena, folds);
@@ -1792,6 +1810,11 @@ typedef struct envsamp__level {
     int width, height, shift;
 } envsamp__level;
 
+/* What was read of a row of texels, and the scale of floats after it. */
+typedef struct envsamp__texel_row { double sum; float peak, scale; size_t bad; } envsamp__texel_row;
+
+#define ENVSAMP__WHOLE 0x4c4f4857u
+
 typedef struct envsamp__map {
     envsamp_mapping mapping;
     int image_width, image_height;
@@ -1808,6 +1831,10 @@ typedef struct envsamp__map {
     float peak;                 /* maximum of what was read */
     float scale;                /* of floats that are squared; unit is 1 / scale */
     double unit;
+    envsamp__texel_row *texel_rows;     /* kd: of each row of texels */
+    int read_from, read_to;     /* rows of texels that a rebuild reads, the last not included */
+    int cells_from, cells_to;   /* rows of level 0 that change with them */
+    uint32_t whole;             /* ENVSAMP__WHOLE once all rows were read */
 } envsamp__map;
 
 /* Where cells begin and end, along axis 0 or 1: those of the border are half as wide. */
@@ -2239,9 +2266,8 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
  * positive numbers, in double: nothing cancels, unlike in differences of summed-area tables.
  * ========================================================================================== */
 
-/* Begins to read: makes rows, and solid angles of the rows of every level. Returns whether all
-   rows are read once before a build begins. */
-static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
+/* Begins to read: makes rows, and solid angles of the rows of every level. */
+static void envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
                                  void *user)
 {
     int k, y;
@@ -2263,8 +2289,6 @@ static int envsamp__source_begin(envsamp__source *source, envsamp__map *map, env
         ENVSAMP_MEMSET(level->mean + cells, 0, 4 * sizeof(float));
         ENVSAMP_MEMSET(level->deviation + cells, 0, 4 * sizeof(float));
     }
-    return source->compensation > 0.0f || source->exponent != 1.0f
-        || (source->bilinear && source->image.mapping == ENVSAMP_OCTAHEDRAL);
 }
 
 /* Reads a row ahead of the build, with memory for one row of luminance. After the last one it puts
@@ -2483,12 +2507,22 @@ static void envsamp__merge_cells(const envsamp__map *map, int k, int x, int y)
     level->deviation[cell] = (float)ENVSAMP_SQRT(envsamp__max(square / weight - mean * mean, 0.0));
 }
 
+/* Adds the light of a row of texels. */
+static void envsamp__add_row(envsamp__map *map, int y, envsamp__texel_row *row)
+{
+    map->peak = row->peak > map->peak ? row->peak : map->peak;
+    map->integral += row->sum * envsamp__texel_sr(map, y);
+    envsamp__set_scale(map);
+    row->scale = map->scale;
+}
+
 /* Reads a row of texels, adds its light, and completes its line of knots, and with the first and
-   the last row those of the borders beside it. */
+   the last row those of the borders beside it. `row` gets what was read. */
 static envsamp_result envsamp__map_line(envsamp__map *map, envsamp__source *source, int y,
-                                        float *line)
+                                        float *line, envsamp__texel_row *row)
 {
     const float *texel = line + map->bilinear;
+    size_t bad = y > 0 ? source->bad_pixel_count : 0;
     envsamp_result result = envsamp__source_row(source, y, line + map->bilinear);
     double sum[4] = { 0.0 };            /* so that one addition need not wait for the last */
     float peak[4];
@@ -2497,7 +2531,7 @@ static envsamp_result envsamp__map_line(envsamp__map *map, envsamp__source *sour
     if (result != ENVSAMP_OK)
         return result;
     for (i = 0; i < 4; i++)
-        peak[i] = y > 0 ? map->peak : source->brightest;    /* a fold mixes rows */
+        peak[i] = y > 0 ? 0.0f : source->brightest;     /* a fold mixes rows */
     for (x = 0; x + 4 <= map->image_width; x += 4) {
         for (i = 0; i < 4; i++)
             sum[i] += (double)texel[x + i];
@@ -2508,10 +2542,12 @@ static envsamp_result envsamp__map_line(envsamp__map *map, envsamp__source *sour
         sum[0] += (double)texel[x];
         peak[0] = texel[x] > peak[0] ? texel[x] : peak[0];
     }
-    for (i = 0; i < 4; i++)
-        map->peak = peak[i] > map->peak ? peak[i] : map->peak;
-    envsamp__set_scale(map);
-    map->integral += ((sum[0] + sum[1]) + (sum[2] + sum[3])) * envsamp__texel_sr(map, y);
+    for (i = 1; i < 4; i++)
+        peak[0] = peak[i] > peak[0] ? peak[i] : peak[0];
+    row->peak = peak[0];
+    row->sum = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+    row->bad = source->bad_pixel_count - bad;
+    envsamp__add_row(map, y, row);
     if (map->bilinear) {
         envsamp__end_line(source, y, line);
         if (y == 0)
@@ -2522,17 +2558,42 @@ static envsamp_result envsamp__map_line(envsamp__map *map, envsamp__source *sour
     return ENVSAMP_OK;
 }
 
-/* Reads a row of texels, and makes the cells of level 1 that are complete with it. */
+/* Whether a row of cells of a level is to be made again. */
+static int envsamp__is_stale(const envsamp__map *map, int k, int y)
+{
+    int shift = map->levels[k].shift;
+
+    return (y + 1) << shift > map->cells_from && y << shift < map->cells_to;
+}
+
+/* Reads a row of texels, or, in a rebuild, takes what was read of it before, and makes the cells of
+   level 1 that are complete with it. With another scale cells differ in what underflows. */
 static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *source, int y)
 {
-    envsamp_result result = envsamp__map_line(map, source, y, map->knots + (size_t)(y
-                                                              + map->bilinear) * map->stride);
     int last = y + 1 == map->image_height, rows = last ? map->height : y + 1, cell_y = y / 4;
+    float *line = map->knots + (size_t)(y + map->bilinear) * map->stride;
+    envsamp__texel_row *row = &map->texel_rows[y];
+    envsamp_result result = ENVSAMP_OK;
 
+    if (y >= map->read_from && y < map->read_to) {
+        result = envsamp__map_line(map, source, y, line, row);
+    } else {
+        float scale = row->scale;
+
+        source->bad_pixel_count += row->bad;
+        envsamp__add_row(map, y, row);
+        if (envsamp__float_bits(scale) != envsamp__float_bits(row->scale)) {
+            map->cells_from = envsamp__min(map->cells_from, y);
+            map->cells_to = map->height;
+        }
+        result = source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
+    }
     if (result != ENVSAMP_OK)
         return result;
     for (; cell_y * 4 < rows && (cell_y * 4 + 4 <= rows || last); cell_y++)
-        envsamp__cell_row(map, cell_y);
+        if (envsamp__is_stale(map, 1, cell_y))
+            envsamp__cell_row(map, cell_y);
+    map->whole = last ? ENVSAMP__WHOLE : 0;
     return ENVSAMP_OK;
 }
 
@@ -2556,7 +2617,10 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
     map->height = image->height + bilinear;
     map->stride = (size_t)(map->width + bilinear);
     map->integral = 0.0;
+    map->read_from = map->cells_from = 0;
+    map->read_to = map->cells_to = map->height;
     map->rows = ENVSAMP__TAKE(envsamp__row_part, arena, map->height);
+    map->texel_rows = ENVSAMP__TAKE(envsamp__texel_row, arena, lines ? 0 : map->image_height);
     for (map->level_count = 0; !lines; k++) {
         envsamp__level *level = &map->levels[k];
 
@@ -3904,8 +3968,8 @@ static void envsamp__job_start(envsamp__job *job, void *table, uint32_t magic,
     job->table = table;
     job->magic = magic;
     job->work = work;
-    job->phase = envsamp__source_begin(&job->source, &job->map, fn, user)
-               ? ENVSAMP__SURVEY : ENVSAMP__ROWS;
+    job->phase = job->source.is_surveyed ? ENVSAMP__SURVEY : ENVSAMP__ROWS;
+    envsamp__source_begin(&job->source, &job->map, fn, user);
 }
 
 /* Once draws are chosen by a power of luminance, starts to read the rows again, without the power,
@@ -4682,7 +4746,7 @@ static int envsamp__kd_work(void *work, int item)
             return 0;
         }
         level = &map->levels[job->level];
-        for (x = 0; x < level->width; x++)
+        for (x = 0; x < level->width && envsamp__is_stale(map, job->level, item); x++)
             envsamp__merge_cells(map, job->level, x, item);
         if (item + 1 == level->height) {
             job->level++;
@@ -4725,15 +4789,30 @@ static int envsamp__kd_work(void *work, int item)
     }
 }
 
-ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_row_fn fn,
-                                            void *user, const envsamp_kd_desc *desc,
-                                            envsamp_buffer table, envsamp_buffer scratch,
-                                            envsamp_kd_job **job)
+/* Whether a job has read all of a map, as it is, whose cells lie in scratch as those of `image`. */
+static int envsamp__has_cells(const envsamp_kd_job *last, const envsamp_image *image, int nearest)
+{
+    const envsamp__source *source = &last->base.source;
+
+    return last->base.map.whole == ENVSAMP__WHOLE && source->bilinear == !nearest
+        && source->image.width == image->width && source->image.height == image->height
+        && source->image.channels == image->channels && source->image.mapping == image->mapping
+        && !source->is_surveyed;
+}
+
+ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, envsamp_row_fn fn,
+                                                    void *user, const envsamp_kd_desc *desc,
+                                                    int first_row, int row_count,
+                                                    envsamp_buffer table, envsamp_buffer scratch,
+                                                    envsamp_kd_job **job)
 {
     envsamp_kd_desc filled = envsamp__kd_filled(desc);
     envsamp__arena arena = { (char *)scratch.data, 0 };
+    envsamp_kd_job *begun = (envsamp_kd_job *)scratch.data;
     envsamp_sizes sizes;
     envsamp_result result;
+    envsamp__map *map;
+    int has_cells;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
@@ -4741,13 +4820,32 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
     result = envsamp_kd_sizes(image, &filled, &sizes);
     if (result == ENVSAMP_OK)
         result = envsamp__job_check(image, fn, &sizes, table, scratch);
+    if (result == ENVSAMP_OK && (first_row < 0 || row_count < 0))
+        result = ENVSAMP_ERR_PARAM;
     if (result != ENVSAMP_OK)
         return result;
-    *job = (envsamp_kd_job *)scratch.data;
-    envsamp__kd_carve(*job, image, &filled, &arena);
+    has_cells = envsamp__has_cells(begun, image, filled.nearest);
+    map = &begun->base.map;
+    envsamp__kd_carve(begun, image, &filled, &arena);
+    if (!begun->base.source.is_surveyed && (first_row > 0 || row_count < image->height)) {
+        if (!has_cells)
+            return ENVSAMP_ERR_FORMAT;
+        map->read_from = map->cells_from = envsamp__min(first_row, image->height);
+        map->read_to = map->read_from + envsamp__min(row_count, image->height);
+        map->cells_to = map->read_to + map->bilinear;
+    }
     ENVSAMP_MEMSET(table.data, 0, sizes.table_bytes);
-    envsamp__job_start(&(*job)->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user);
+    envsamp__job_start(&begun->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user);
+    *job = begun;
     return ENVSAMP_OK;
+}
+
+ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_row_fn fn,
+                                            void *user, const envsamp_kd_desc *desc,
+                                            envsamp_buffer table, envsamp_buffer scratch,
+                                            envsamp_kd_job **job)
+{
+    return envsamp_kd_rebuild_begin(image, fn, user, desc, 0, INT_MAX, table, scratch, job);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_step(envsamp_kd_job *job, int count, int *done)
@@ -6016,8 +6114,9 @@ static int envsamp__cdf_work(void *work, int item)
     envsamp_cdf *cdf = (envsamp_cdf *)base->table;
     envsamp__map *map = &base->map;
     float *above = map->knots, *line = above + (map->bilinear ? map->stride : 0);
+    envsamp__texel_row row;
 
-    base->result = envsamp__map_line(map, &base->source, item, line);
+    base->result = envsamp__map_line(map, &base->source, item, line, &row);
     if (base->result != ENVSAMP_OK)
         return 1;
     envsamp__cdf_write_row(job, item, above);
@@ -8773,8 +8872,8 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 /* CHANGES
  * 0.2  Zero is the default in every description: `bilinear` became `nearest`, `repeat` became
  *      `once`, EXCESS and RELAXED are the first of their enums. Light x cosine (`facing`),
- *      excess_target, importance_exponent, _build_rows, ENVSAMP_ALLOC, ENVSAMP_NO_FIT, _NO_CDF,
- *      _NO_LIGHTS. Tables of 0.1 do not open.
+ *      excess_target, importance_exponent, _build_rows, _rebuild_begin, ENVSAMP_ALLOC and _NO_FIT,
+ *      _NO_CDF, _NO_LIGHTS. Tables of 0.1 do not open.
  * 0.1  kd, cdf, halftone, lights, lm.
  */
 

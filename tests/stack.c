@@ -133,7 +133,9 @@ static void call_kd_steps(void)
         return;
     }
     while (!done && envsamp_kd_step(job, 5, &done) == ENVSAMP_OK) {}
-    fails(envsamp_kd_finish(job, &kd) != ENVSAMP_OK);
+    fails(envsamp_kd_finish(job, &kd) != ENVSAMP_OK
+          || envsamp_kd_rebuild_begin(&map, give_row, &map, &kd_desc, 1, 2, table, scratch, &job)
+             != ENVSAMP_OK || envsamp_kd_finish(job, &kd) != ENVSAMP_OK);
 }
 
 static void call_kd_facts(void)
