@@ -2995,25 +2995,24 @@ static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const env
    `least`. */
 static double envsamp__rect_peak(const envsamp__map *map, const envsamp__rect *rect, double least)
 {
-    envsamp__window w = envsamp__touched(map, 1, rect, 0);
-    float highest = 0.0f;
-    int x, y;
+    envsamp__window w = envsamp__touched(map, 0, rect, 0);
+    int cell_x, cell_y, x, y;
 
-    for (y = w.y0; y < w.y1; y++)
-        for (x = w.x0; x < w.x1; x++) {
-            float most = map->highest[(size_t)y * (size_t)map->levels[1].width + (size_t)x];
+    for (cell_y = w.y0 / 4; 4 * cell_y < w.y1; cell_y++)
+        for (cell_x = w.x0 / 4; 4 * cell_x < w.x1; cell_x++) {
+            int end_x = envsamp__min(4 * cell_x + 4, w.x1) + map->bilinear;
+            int end_y = envsamp__min(4 * cell_y + 4, w.y1) + map->bilinear;
 
-            highest = most > highest ? most : highest;
-        }
-    if ((double)highest <= least)
-        return least;
-    w = envsamp__touched(map, 0, rect, 0);
-    for (y = w.y0; y < w.y1 + map->bilinear; y++)
-        for (x = w.x0; x < w.x1 + map->bilinear; x++) {
-            double at_x = envsamp__clamp((double)x, rect->x0, rect->x1);
-            double at_y = envsamp__clamp((double)y, rect->y0, rect->y1);
+            if ((double)map->highest[(size_t)cell_y * (size_t)map->levels[1].width
+                                     + (size_t)cell_x] <= least)
+                continue;
+            for (y = envsamp__max_int(4 * cell_y, w.y0); y < end_y; y++)
+                for (x = envsamp__max_int(4 * cell_x, w.x0); x < end_x; x++) {
+                    double at_x = envsamp__clamp((double)x, rect->x0, rect->x1);
+                    double at_y = envsamp__clamp((double)y, rect->y0, rect->y1);
 
-            least = envsamp__max(least, envsamp__value_at(map, at_x, at_y));
+                    least = envsamp__max(least, envsamp__value_at(map, at_x, at_y));
+                }
         }
     return least;
 }

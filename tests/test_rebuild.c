@@ -133,9 +133,9 @@ static int is_as_built(const builder *b)
 /* ---- tests ---- */
 
 static const struct { int first, count; float light; } changes[] = {
-    { 1, 3, 1.0f }, { 3, 2, 1.0f }, { 0, 1, 0.7f }, { HEIGHT - 1, 1, 2.0f }, { 0, 0, 1.0f }, { 17, 3, 0.01f },
-    { 16, 5, 1e-30f }, { 11, 16, 1e30f }, { 12, 1, 1e-6f }, { 18, 1, 1.0f }, { 0, HEIGHT, 3e-38f },
-    { 30, 50, 1.0f }, { 12, 13, 1.0f }
+    { 1, 3, 1.0f }, { 3, 2, 1.0f }, { 0, 1, 0.7f }, { HEIGHT - 1, 1, 2.0f }, { 0, 0, 1.0f },
+    { 17, 3, 0.01f }, { 16, 5, 1e-30f }, { 11, 16, 1e30f }, { 12, 1, 1e-6f }, { 18, 1, 1.0f },
+    { 0, HEIGHT, 3e-38f }, { 30, 50, 1.0f }, { 12, 13, 1.0f }
 };
 
 static void test_same_bits(void)
