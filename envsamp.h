@@ -1527,7 +1527,7 @@ static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, 
 #define ENVSAMP__LEVELS 16      /* cells of 2^16 texels cover the widest map */
 #define ENVSAMP__CHUNK 64       /* columns that are worked on together */
 #define ENVSAMP__TOP 128        /* cells of the coarsest level, at most: one split reads as many */
-#define ENVSAMP__BEYOND 9       /* knots that are read, but do not count, after the last */
+#define ENVSAMP__BEYOND 17       /* knots that are read, but do not count, after the last */
 
 /* A pixel as importance sees it: black for NaN or infinite channels, negative ones 0. Returns
    whether a channel was bad. */
@@ -2416,11 +2416,10 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
     envsamp__level *level = &map->levels[1];
     size_t cell = (size_t)cell_y * (size_t)level->width;
     int y0 = cell_y * 4, rows = envsamp__min(4, map->height - y0), b = map->bilinear, x0, y, x, i;
+    float scale = map->scale;
     int even;
 
     for (x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
-        const float at[4] = { 0.5f, 0.5f, 0.5f, 0.5f }, third = 1.0f / 12.0f;
-        const float spread[4] = { third, third, third, third };
         int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
         float sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK], peak[ENVSAMP__CHUNK + 1];
 
@@ -2433,18 +2432,27 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
             float down = (float)part->at, tall = (float)part->spread;
             const float *a = envsamp__line(map, y) + x0, *c = envsamp__line(map, y + b) + x0;
 
-            for (x = 0; x < count; x += 4, a += 4, c += 4) {
-                float mean[4], variance[4], most[4];
+            for (x = 0; x < count; x += 16) {
+                float mean[16], variance[16];
 
-                envsamp__cells(map, a, c, down, tall, at, spread, mean, variance);
-                for (i = 0; i < 4; i++)
+                if (b)
+                    for (i = 0; i < 16; i++)
+                        envsamp__cell(scale * a[x + i], scale * a[x + i + 1], scale * c[x + i],
+                                      scale * c[x + i + 1], down, tall, 0.5f, 1.0f / 12.0f,
+                                      mean + i, variance + i);
+                else
+                    for (i = 0; i < 16; i++) {
+                        mean[i] = scale * a[x + i];
+                        variance[i] = 0.0f;
+                    }
+                for (i = 0; i < 16; i++) {
+                    float above = a[x + i], below = c[x + i], most = peak[x + i];
+
+                    most = above > most ? above : most;
+                    peak[x + i] = below > most ? below : most;
                     sum[x + i] += weight * mean[i];
-                for (i = 0; i < 4; i++)
                     square[x + i] += weight * (mean[i] * mean[i] + variance[i]);
-                for (i = 0; i < 4; i++)
-                    most[i] = a[i] > c[i] ? a[i] : c[i];
-                for (i = 0; i < 4; i++)
-                    peak[x + i] = most[i] > peak[x + i] ? most[i] : peak[x + i];
+                }
             }
             a = envsamp__line(map, y) + x0 + count;
             c = envsamp__line(map, y + b) + x0 + count;
