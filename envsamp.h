@@ -3926,7 +3926,7 @@ typedef enum envsamp__phase {
     ENVSAMP__SPLITS,            /* kd: a split searched, or made */
     ENVSAMP__MOMENTS,           /* kd: a block, where sums were not exact */
     ENVSAMP__PROBABILITIES,     /* kd: all blocks; FIT: the fit */
-    ENVSAMP__WRITE,             /* kd, WARP: a tile; else all blocks */
+    ENVSAMP__WRITE,             /* kd: a tile of WARP, or a block; with the last, its trees */
     ENVSAMP__GRID,              /* kd: a row of cells */
     ENVSAMP__CHECKSUM,          /* some bytes of the table */
     ENVSAMP__DONE
@@ -4563,45 +4563,41 @@ static double envsamp__excess(double second, double integral)
     return envsamp__max(second / integral / integral - 1.0, 0.0);
 }
 
-/* ALIAS and FIT: edges and densities in the order of the table. */
-static void envsamp__write_blocks(envsamp_kd_job *job, envsamp_kd *kd)
+/* ALIAS and FIT: edges and density of block i in the order of the table. */
+static void envsamp__write_block(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
 {
     const envsamp__map *map = &job->base.map;
-    envsamp__record *record = ENVSAMP__RECORDS_OUT(kd);
-    uint32_t i;
+    envsamp__record *record = ENVSAMP__RECORDS_OUT(kd) + i;
+    uint32_t number = job->order[i];
+    const envsamp__block *b = &job->tree.blocks[number];
+    double probability = job->probability[number], pdf = 0.0;
 
-    for (i = 0; i < kd->block_count; i++, record++) {
-        uint32_t number = job->order[i];
-        const envsamp__block *b = &job->tree.blocks[number];
-        double probability = job->probability[number], pdf = 0.0;
-
-        record->edge[0] = envsamp__stored_edge(map, b->rect.x0, 0);
-        record->edge[1] = envsamp__stored_edge(map, b->rect.x1, 0);
-        record->edge[2] = envsamp__stored_edge(map, b->rect.y0, 1);
-        record->edge[3] = envsamp__stored_edge(map, b->rect.y1, 1);
-        if (probability > 0.0)          /* of a steep fit next to 0, but lit */
-            pdf = envsamp__max(probability / envsamp__edges_sr(kd->mapping, record->edge),
-                               (double)FLT_MIN);
-        job->density[number] = (float)pdf;
-        record->link = envsamp__float_bits((float)pdf);
-        envsamp__add_cost(job, b, pdf);
-    }
+    record->edge[0] = envsamp__stored_edge(map, b->rect.x0, 0);
+    record->edge[1] = envsamp__stored_edge(map, b->rect.x1, 0);
+    record->edge[2] = envsamp__stored_edge(map, b->rect.y0, 1);
+    record->edge[3] = envsamp__stored_edge(map, b->rect.y1, 1);
+    if (probability > 0.0)              /* of a steep fit next to 0, but lit */
+        pdf = envsamp__max(probability / envsamp__edges_sr(kd->mapping, record->edge),
+                           (double)FLT_MIN);
+    job->density[number] = (float)pdf;
+    record->link = envsamp__float_bits((float)pdf);
+    envsamp__add_cost(job, b, pdf);
 }
 
-/* All arrays but the grid; WARP: one more tile, after the last the others. Returns 0 at the end. */
+/* One more tile of WARP, or block; after the last all arrays but the grid. Returns 0 at the end. */
 static int envsamp__write_arrays(envsamp_kd_job *job, envsamp_kd *kd, uint32_t item)
 {
     const envsamp__source *source = &job->base.source;
     const envsamp__map *map = &job->base.map;
 
-    if (kd->select != ENVSAMP_KD_WARP) {
-        envsamp__write_blocks(job, kd);
-    } else {
+    if (kd->select == ENVSAMP_KD_WARP)
         envsamp__write_tile(job, kd, item);
-        if (item + 1 < envsamp__tile_count(kd))
-            return 1;
+    else
+        envsamp__write_block(job, kd, item);
+    if (item + 1 < envsamp__record_count(kd))
+        return 1;
+    if (kd->select == ENVSAMP_KD_WARP)
         kd->block_count = kd->drawn_count = envsamp__tile_count(kd) + job->cut_count;
-    }
     kd->integral = source->compensation > 0.0f ? source->integral : map->integral;
     kd->excess_variance = envsamp__excess(job->second, map->integral);
     kd->mis_compensation = source->compensation;
