@@ -5346,6 +5346,33 @@ ENVSAMP__HOT void envsamp__facing_weigh(const envsamp__facing_node *node, const 
         w->pair[i] = w->part[0][i] + w->part[1][i];
 }
 
+#define ENVSAMP__CACHED 32      /* the first nodes, which are the top of the tree */
+
+/* A normal, and, where many numbers share it, the weights that are known of the first nodes. */
+typedef struct envsamp__facing_cache {
+    float n[9];
+    uint32_t known;
+    envsamp__weights w[ENVSAMP__CACHED];
+} envsamp__facing_cache;
+
+ENVSAMP__HOT const envsamp__weights *envsamp__facing_weights(const envsamp_kd *kd,
+                                                             const envsamp__facing_node *node,
+                                                             const float n[9],
+                                                             envsamp__facing_cache *cache,
+                                                             envsamp__weights *own)
+{
+    size_t number = (size_t)(node - ENVSAMP__ARRAY(envsamp__facing_node, kd, facing));
+
+    if (cache && number < ENVSAMP__CACHED) {
+        own = &cache->w[number];
+        if (cache->known >> number & 1)
+            return own;
+        cache->known |= 1u << number;
+    }
+    envsamp__facing_weigh(node, n, own);
+    return own;
+}
+
 /* Takes the side of a cut that a number is on, by the weights of both, and stretches it. bound: the
    part of the unit square so far, in the order x0, x1, y0, y1. */
 ENVSAMP__HOT uint32_t envsamp__facing_side(float cut, float low, float high, float f[2],
@@ -5362,55 +5389,74 @@ ENVSAMP__HOT uint32_t envsamp__facing_side(float cut, float low, float high, flo
     return side;
 }
 
-/* Changes two numbers such that light alone draws what light x cosine should. Returns what that
-   multiplies the density by. */
-ENVSAMP__HOT float envsamp__facing_warp(const envsamp_kd *kd, const float n[9], float f[2])
+/* The way down of two numbers: what is left of them, the part of the unit square so far, its weight
+   among all, and the link to its node or to one over its area. */
+typedef struct envsamp__facing_walk { float f[2], bound[4], ratio; uint32_t link; }
+    envsamp__facing_walk;
+
+ENVSAMP__HOT envsamp__facing_walk envsamp__facing_start(const envsamp_kd *kd, float u0, float u1)
 {
-    const envsamp__facing_node *node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
-    float bound[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, ratio = 1.0f;
-    envsamp__weights w;
-    uint32_t link, at, side;
+    envsamp__facing_walk walk = { { 0.0f, 0.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 1.0f, 0 };
+
+    walk.f[0] = u0;
+    walk.f[1] = u1;
+    walk.link = ENVSAMP__INNER | kd->facing_at / 4;
+    return walk;
+}
+
+ENVSAMP__HOT void envsamp__facing_step(const envsamp_kd *kd, const float n[9],
+                                       envsamp__facing_cache *cache, envsamp__facing_walk *walk)
+{
+    const envsamp__facing_node *node = ENVSAMP__LINKED(envsamp__facing_node, kd, walk->link);
+    envsamp__weights own;
+    const envsamp__weights *w = envsamp__facing_weights(kd, node, n, cache, &own);
+    float low = w->pair[0] + w->pair[1], high = w->pair[2] + w->pair[3];
+    uint32_t at = envsamp__facing_side(node->cut[0], low, high, walk->f, walk->bound), side;
+
+    at = 2 * at + envsamp__facing_side(node->cut[1 + at], w->pair[2 * at], w->pair[2 * at + 1],
+                                       walk->f, walk->bound);
+    side = envsamp__facing_side(node->cut[3 + at], w->part[0][at], w->part[1][at], walk->f,
+                                walk->bound);
+    walk->ratio *= w->part[side][at] / (low + high);
+    walk->link = node->child[side][at];
+}
+
+/* The numbers from which light alone draws what light x cosine should. Returns what the density is
+   multiplied by. */
+ENVSAMP__HOT float envsamp__facing_end(const envsamp__facing_walk *walk, float *u0, float *u1)
+{
+    float f[2];
     int axis;
 
-    do {
-        float low, high;
-
-        envsamp__facing_weigh(node, n, &w);
-        low = w.pair[0] + w.pair[1];
-        high = w.pair[2] + w.pair[3];
-        at = envsamp__facing_side(node->cut[0], low, high, f, bound);
-        at = 2 * at + envsamp__facing_side(node->cut[1 + at], w.pair[2 * at], w.pair[2 * at + 1],
-                                           f, bound);
-        side = envsamp__facing_side(node->cut[3 + at], w.part[0][at], w.part[1][at], f, bound);
-        ratio *= w.part[side][at] / (low + high);
-        link = node->child[side][at];
-        node = ENVSAMP__LINKED(envsamp__facing_node, kd, link);
-    } while (link & ENVSAMP__INNER);
     for (axis = 0; axis < 2; axis++) {
-        float low = bound[2 * axis], high = bound[2 * axis + 1];
+        float low = walk->bound[2 * axis], high = walk->bound[2 * axis + 1];
 
-        f[axis] = envsamp__at_most(low + f[axis] * (high - low),
+        f[axis] = envsamp__at_most(low + walk->f[axis] * (high - low),
                                    envsamp__bits_float(envsamp__float_bits(high) - 1));
         f[axis] = envsamp__clamp_unit(f[axis]);         /* of a damaged table, anything */
     }
-    return envsamp__saturate(ratio) * envsamp__bits_float(link);
+    *u0 = f[0];
+    *u1 = f[1];
+    return envsamp__saturate(walk->ratio) * envsamp__bits_float(walk->link);
 }
 
 /* The density at a place where that of light alone is `pdf`. */
-ENVSAMP__HOT float envsamp__facing_density(const envsamp_kd *kd, const float n[9], uint64_t place,
+ENVSAMP__HOT float envsamp__facing_density(const envsamp_kd *kd, const float n[9],
+                                           envsamp__facing_cache *cache, uint64_t place,
                                            float pdf)
 {
     const envsamp__facing_node *node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
     float ratio = 1.0f;
-    envsamp__weights w;
+    const envsamp__weights *w;
+    envsamp__weights own;
     uint32_t link, at, side;
 
     do {
-        envsamp__facing_weigh(node, n, &w);
+        w = envsamp__facing_weights(kd, node, n, cache, &own);
         at = envsamp__is_high(node->edge[0], place);
         at = 2 * at + envsamp__is_high(node->edge[1 + at], place);
         side = envsamp__is_high(node->edge[3 + at], place);
-        ratio *= w.part[side][at] / ((w.pair[0] + w.pair[1]) + (w.pair[2] + w.pair[3]));
+        ratio *= w->part[side][at] / ((w->pair[0] + w->pair[1]) + (w->pair[2] + w->pair[3]));
         link = node->child[side][at];
         node = ENVSAMP__LINKED(envsamp__facing_node, kd, link);
     } while (link & ENVSAMP__INNER);
@@ -5427,8 +5473,14 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample_facing(const envsamp
     ENVSAMP_ASSERT(kd && normal);
     f[0] = envsamp__clamp_unit(u0);
     f[1] = envsamp__clamp_unit(u1);
-    if (envsamp__facing_normal(kd, normal, n))
-        ratio = envsamp__facing_warp(kd, n, f);
+    if (envsamp__facing_normal(kd, normal, n)) {
+        envsamp__facing_walk walk = envsamp__facing_start(kd, f[0], f[1]);
+
+        do {
+            envsamp__facing_step(kd, n, NULL, &walk);
+        } while (walk.link & ENVSAMP__INNER);
+        ratio = envsamp__facing_end(&walk, &f[0], &f[1]);
+    }
     s = envsamp_kd_sample(kd, f[0], f[1]);
     s.pdf = envsamp__at_most(s.pdf * ratio, FLT_MAX);
     return s;
@@ -5445,7 +5497,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf_facing(const envsamp_kd *kd,
     pdf = envsamp__density(kd, dir, &place);
     if (!(pdf > 0.0f) || !envsamp__facing_normal(kd, normal, n))
         return pdf;
-    return envsamp__facing_density(kd, n, place, pdf);
+    return envsamp__facing_density(kd, n, NULL, place, pdf);
 }
 
 /* ---- many at a time ---- */
@@ -5511,9 +5563,31 @@ ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, envsamp__b
                            envsamp__bits_float(link[i]));
 }
 
-/* At most ENVSAMP__BATCH samples, facing a normal unless that is NULL. Loops are over a whole
+/* Changes n numbers each, one node at a time of all that are still under way. */
+static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *facing, uint32_t n,
+                                  float *u0, float *u1, float *ratio)
+{
+    envsamp__facing_walk walk[ENVSAMP__BATCH];
+    uint32_t list[ENVSAMP__BATCH], count = n, left, i, k;
+
+    for (i = 0; i < n; i++) {
+        walk[i] = envsamp__facing_start(kd, u0[i], u1[i]);
+        list[i] = i;
+    }
+    for (; count > 0; count = left)
+        for (k = left = 0; k < count; k++) {
+            i = list[k];
+            envsamp__facing_step(kd, facing->n, facing, &walk[i]);
+            list[left] = i;
+            left += walk[i].link >> 31;
+        }
+    for (i = 0; i < n; i++)
+        ratio[i] = envsamp__facing_end(&walk[i], &u0[i], &u1[i]);
+}
+
+/* At most ENVSAMP__BATCH samples, of light alone if `facing` is NULL. Loops are over a whole
    batch, filled up with zeros: compilers vectorise them. */
-static void envsamp__sample_batch(const envsamp_kd *kd, const float *normal, size_t n,
+static void envsamp__sample_batch(const envsamp_kd *kd, envsamp__facing_cache *facing, size_t n,
                                   const float *u0, const float *u1, float *const out[4])
 {
     float u[3 * ENVSAMP__BATCH], *y = u + ENVSAMP__BATCH, *z = y + ENVSAMP__BATCH;
@@ -5530,20 +5604,15 @@ static void envsamp__sample_batch(const envsamp_kd *kd, const float *normal, siz
         u[i] = envsamp__clamp_unit(u0[i]);
         y[i] = envsamp__clamp_unit(u1[i]);
     }
-    for (i = 0; i < (int)n && normal; i++) {
-        float f[2] = { u[i], y[i] };
-
-        ratio[i] = envsamp__facing_warp(kd, normal, f);
-        u[i] = f[0];
-        y[i] = f[1];
-    }
+    if (facing)
+        envsamp__facing_batch(kd, facing, (uint32_t)n, u, y, ratio);
     if (kd->select == ENVSAMP_KD_WARP)
         envsamp__warp_batch(kd, u, &batch);
     else if (kd->select == ENVSAMP_KD_ALIAS)
         envsamp__indexed_batch(kd, 1, u, &batch);
     else
         envsamp__indexed_batch(kd, 0, u, &batch);
-    for (i = 0; i < (int)n && normal; i++)
+    for (i = 0; i < (int)n && facing; i++)
         batch.at[3 * ENVSAMP__BATCH + i] = envsamp__at_most(batch.at[3 * ENVSAMP__BATCH + i]
                                                             * ratio[i], FLT_MAX);
     envsamp__point_dirs(kd->mapping, ENVSAMP__BATCH, batch.at, u, y, z);
@@ -5556,11 +5625,12 @@ ENVSAMP_DEF void envsamp_kd_sample_facing_n(const envsamp_kd *kd, const float no
                                             const float *u0, const float *u1, float *x, float *y,
                                             float *z, float *pdf)
 {
-    float to[9];
-    const float *facing = normal && envsamp__facing_normal(kd, normal, to) ? to : NULL;
+    envsamp__facing_cache cache, *facing;
     size_t i;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
+    facing = normal && envsamp__facing_normal(kd, normal, cache.n) ? &cache : NULL;
+    cache.known = 0;
     for (i = 0; i < n; i += ENVSAMP__BATCH) {
         float *const out[4] = { x + i, y + i, z + i, pdf + i };
 
@@ -5575,7 +5645,7 @@ ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float
     envsamp_kd_sample_facing_n(kd, NULL, n, u0, u1, x, y, z, pdf);
 }
 
-static void envsamp__pdf_batch(const envsamp_kd *kd, const float *normal, size_t n,
+static void envsamp__pdf_batch(const envsamp_kd *kd, envsamp__facing_cache *facing, size_t n,
                                const float *x, const float *y, const float *z, float *pdf)
 {
     float end = envsamp__polar_end(kd->mapping), r[ENVSAMP__BATCH], in[3][ENVSAMP__BATCH];
@@ -5602,10 +5672,10 @@ static void envsamp__pdf_batch(const envsamp_kd *kd, const float *normal, size_t
         link[i] = envsamp__grid_link(kd, d, &place[i]);
     }
     envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
-    for (i = 0; i < (int)n && normal; i++)
+    for (i = 0; i < (int)n && facing; i++)
         if (link[i])
-            link[i] = envsamp__float_bits(envsamp__facing_density(kd, normal, place[i],
-                                                                  envsamp__bits_float(link[i])));
+            link[i] = envsamp__float_bits(envsamp__facing_density(
+                kd, facing->n, facing, place[i], envsamp__bits_float(link[i])));
     ENVSAMP_MEMCPY(pdf, link, n * sizeof *pdf);
 }
 
@@ -5613,11 +5683,12 @@ ENVSAMP_DEF void envsamp_kd_pdf_facing_n(const envsamp_kd *kd, const float norma
                                          const float *x, const float *y, const float *z,
                                          float *pdf)
 {
-    float to[9];
-    const float *facing = normal && envsamp__facing_normal(kd, normal, to) ? to : NULL;
+    envsamp__facing_cache cache, *facing;
     size_t i;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
+    facing = normal && envsamp__facing_normal(kd, normal, cache.n) ? &cache : NULL;
+    cache.known = 0;
     for (i = 0; i < n; i += ENVSAMP__BATCH)
         envsamp__pdf_batch(kd, facing, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, x + i,
                            y + i, z + i, pdf + i);
@@ -5710,7 +5781,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     return 1;
 }
 
-/* The numbers that facing_warp makes those of light alone of. */
+/* The numbers of which facing_end makes those of light alone. */
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
                                                         const float normal[3],
                                                         const float dir[3], float u[2])
