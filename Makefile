@@ -103,6 +103,7 @@ sun-and-sky: $(BUILD)/sun_and_sky  ## a map as directional lights and the rest o
 # ENGINE="--size 4096x2048 --frames 600"; build/engine --help shows all options.
 engine: $(BUILD)/engine  ## a frame loop: tables in steps as the sun moves; ENGINE=options
 	$(BUILD)/engine $(ENGINE)
+	$(if $(ENGINE),,$(BUILD)/engine --half)
 	$(if $(ENGINE),,$(BUILD)/engine --size 512x256 --blocks 256)
 
 facing: $(BUILD)/facing_gallery  ## light x cosine beside light and MIS, and a picture; MAP=file

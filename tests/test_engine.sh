@@ -24,7 +24,7 @@ number() {
 }
 
 untimed() {  # what is printed but times
-    sed 's/; longest step.*//; / ms/d' "$tmp/out"
+    sed 's/; the fastest.*//; / ms/d' "$tmp/out"
 }
 
 holds() {  # an expression of awk

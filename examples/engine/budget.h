@@ -15,12 +15,14 @@
 
 #define BUDGET_STEPS 65536      /* later ones are taken for as long as the last */
 #define BUDGET_MOST  0.6        /* of the limit: no step is expected to take more */
+#define BUDGET_SPARE 0.05       /* of the limit, for what cannot be known */
 #define BUDGET_NEAR  4          /* steps before and after */
 
 typedef struct budget {
     double limit;               /* of a frame */
     double spent;               /* in this frame */
     double worst;               /* of a single step, ever */
+    double build, least;        /* all steps of this build; of the fastest one */
     int made;                   /* steps in this frame */
     int at, last;               /* the next step of this build, and how many the last one had */
     double *cost;               /* of each step, a mean in which the last builds count most */

@@ -174,6 +174,9 @@ static envsamp_result engine_make(engine *e)
     sky_set(&e->map, sun_at(e, 0));
     if (!e->pixels || (o->lights && !light_set_make(&e->lights, &e->picture.view, o->lights)))
         return result;
+    draw_picture(e, 0);
+    if (o->lights && (result = light_set_aim(&e->lights, &e->picture.view)) != ENVSAMP_OK)
+        return result;
     result = builder_make(&e->builder, &e->map, &o->desc, o->budget_ms, o->items);
     if (result == ENVSAMP_OK && o->control == CONTROL_MIXED) {
         e->first = malloc(e->builder.tables.table[0].bytes);
@@ -231,9 +234,8 @@ static int print_figures(const engine *e)
     printf("rows of the sky: mean %.2f ms, worst %.2f ms; wall time of a frame: mean %.2f ms, "
            "worst %.2f ms\n", e->rows.sum / e->rows.count, e->rows.worst,
            e->wall.sum / e->wall.count, e->wall.worst);
-    printf("tables: %d shown; age mean %.1f, worst %.0f frames; longest step of %d items %.2f ms\n",
-           e->swaps, e->age.sum / e->age.count, e->age.worst, o->items ? o->items : BUILDER_ITEMS,
-           b->worst);
+    printf("tables: %d shown; age mean %.1f, worst %.0f frames; the fastest build %.2f ms, longest "
+           "step %.2f ms\n", e->swaps, e->age.sum / e->age.count, e->age.worst, b->least, b->worst);
     if (o->lights)
         print_lights(e);
     printf("samples: %ld by %d threads; at most %.2f %% in a frame have a density across an edge\n",

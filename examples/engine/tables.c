@@ -16,8 +16,11 @@ envsamp_result tables_make(tables *t, const envsamp_image *image, envsamp_row_fn
     t->row = row;
     t->user = user;
     t->desc = *desc;
-    for (i = 0; i < 2; i++)
+    for (i = 0; i < 2; i++) {
         t->table[i].data = malloc(t->table[i].bytes = sizes.table_bytes);
+        if (t->table[i].data)           /* the first touch of memory takes time */
+            memset(t->table[i].data, 0, sizes.table_bytes);
+    }
     t->scratch.data = malloc(t->scratch.bytes = sizes.scratch_bytes);
     if (result == ENVSAMP_OK && !(t->table[0].data && t->table[1].data && t->scratch.data))
         result = ENVSAMP_ERR_MEMORY;
