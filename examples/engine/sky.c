@@ -104,16 +104,18 @@ static void add_part(sky *s, const float dir[3], float part)
 /* The disc as a square of points, brightest in its middle and fading towards its edge. */
 static void draw_disc(sky *s)
 {
-    const float height = (float)s->view.height, radius = DISC_RADIUS / SKY_PI * height;
+    const float height = (float)s->view.height, width = (float)s->view.width;
     const float level = sqrtf(fmaxf(1.0f - s->sun[2] * s->sun[2], 1e-6f));
-    const int side = 8 + (int)(8.0f * radius);          /* points, from the middle to the edge */
+    const float tall = DISC_RADIUS / SKY_PI * height;           /* radius in rows and columns */
+    const float wide = DISC_RADIUS / (2.0f * SKY_PI * level) * width;
+    const int side = 8 + (int)(8.0f * fmaxf(tall, wide));       /* points from middle to edge */
     float uv[2], total = 0.0f;
     int x, y, pass;
 
     envsamp_dir_to_uv(ENVSAMP_LATLONG, s->sun, uv);
-    s->left = (int)(uv[0] * (float)s->view.width - radius / level) - 2;
+    s->left = (int)floorf(uv[0] * width - wide) - 2;
     s->left += s->left < 0 ? s->view.width : 0;
-    s->top = (int)(uv[1] * height - radius) - 2;
+    s->top = (int)(uv[1] * height - tall) - 2;
     memset(s->disc, 0, sizeof s->disc);
     for (pass = 0; pass < 2; pass++)
         for (y = -side; y <= side; y++)
