@@ -38,11 +38,12 @@ RENDER_PARTS := scene shapes material environment inversion integrator lights up
 
 COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
 EXAMPLES := $(addprefix $(BUILD)/, quickstart path_tracer lights halftone table_file placement \
-              lights_gallery facing_gallery product demo_exr \
+              engine sun_and_sky lights_gallery facing_gallery product demo_exr \
               $(if $(EMBREE),render render_unbiased render_tables))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
-HEADERS  := envsamp.h $(wildcard examples/common/*.h examples/render/*.h tests/*.h bench/*.h)
+HEADERS  := envsamp.h $(wildcard $(addsuffix /*.h, examples/common examples/engine \
+              examples/render tests bench))
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
@@ -61,10 +62,10 @@ EXR_OBJECTS  = $(addprefix $(BUILD)/, envsamp.o image_exr.o hdr.o maps.o picture
 RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS)
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o) $(EXR_OBJECTS)
 
-.PHONY: help demo check install lights facing product render unbiased gallery tables test bench \
-        scale fuzz corpus mutants coverage figures facing-table convergence halftone scene lamps \
-        coarse shapes builds targets importance least-squares left-out again portability \
-        portability-setup data setup clean
+.PHONY: help demo check install lights sun-and-sky engine facing product render unbiased gallery \
+        tables test bench scale fuzz corpus mutants coverage figures facing-table convergence \
+        halftone scene lamps coarse shapes builds targets importance least-squares left-out again \
+        portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -95,6 +96,15 @@ test: setup  ## build and run all tests
 
 lights: $(BUILD)/lights_gallery  ## a map as lights, and pictures; MAP=file, LIGHTS="-k 64"
 	$(BUILD)/lights_gallery -o $(BUILD)/pictures $(LIGHTS) $(MAP_WORD)
+
+sun-and-sky: $(BUILD)/sun_and_sky  ## a map as directional lights and the rest of it; MAP=file
+	$(BUILD)/sun_and_sky $(or $(MAP_WORD),sky)
+
+# ENGINE="--size 4096x2048 --frames 600"; build/engine --help shows all options.
+engine: $(BUILD)/engine  ## a frame loop: tables in steps as the sun moves; ENGINE=options
+	$(BUILD)/engine $(ENGINE)
+	$(if $(ENGINE),,$(BUILD)/engine --half)
+	$(if $(ENGINE),,$(BUILD)/engine --size 512x256 --blocks 256)
 
 facing: $(BUILD)/facing_gallery  ## light x cosine beside light and MIS, and a picture; MAP=file
 	$(BUILD)/facing_gallery -o $(BUILD)/pictures $(MAP_WORD)
@@ -273,6 +283,9 @@ $(BUILD)/image_exr.o: examples/common/image.c $(HEADERS) | $(BUILD)
 # An example is a program with the library in it; here it takes the one that is compiled already.
 $(BUILD)/%: examples/%.c $(OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) $(LIBM) -o $@
+
+$(BUILD)/engine: $(wildcard examples/engine/*.c) $(HEADERS) | $(BUILD)
+	$(COMPILE) -pthread $(filter %.c,$^) $(LIBM) -o $@
 
 $(BUILD)/%_gallery: bench/%_gallery.c $(OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(OBJECTS) $(LIBM) -o $@
