@@ -48,7 +48,7 @@ typedef double errors[VIEWS][NUMBERS][COUNTS][WAYS];
 typedef struct subject {
     image map;
     envsamp_image view;
-    kd_fixture table;
+    bench_table table;
     irradiance exact[VIEWS];
 } subject;
 
@@ -91,8 +91,8 @@ static void make_exact(subject *s)
 {
     const int split = 1 + (IRRADIANCE_ROWS - 1) / s->map.height;
     const int columns = s->map.width * split, rows = s->map.height * split;
-    float *across = kd_allocate((size_t)columns * IRRADIANCE_NORMALS * sizeof *across);
-    float *light = kd_allocate((size_t)columns * VIEWS * sizeof *light);
+    float *across = bench_allocate((size_t)columns * IRRADIANCE_NORMALS * sizeof *across);
+    float *light = bench_allocate((size_t)columns * VIEWS * sizeof *light);
     int view, x, y;
 
     for (view = 0; view < VIEWS; view++) {
@@ -240,25 +240,22 @@ static envsamp_kd_desc facing_desc(int facing, int block_count)
 }
 
 /* Least times of a build with and without, in ns, the tables of which stay. */
-static void time_builds(const image *map, int block_count, int rounds, kd_fixture tables[2],
+static void time_builds(const image *map, int block_count, int rounds, bench_table tables[2],
                         double ns[2])
 {
-    const envsamp_image view = kd_image(map->rgb, map->width, map->height, 3);
+    const envsamp_image view = bench_view(map);
     int round, with;
 
     for (round = 0; round < rounds; round++)
         for (with = 0; with < 2; with++) {
-            kd_fixture *f = &tables[with];
+            bench_table *f = &tables[with];
+            const envsamp_kd_desc desc = facing_desc(with, block_count);
             double start;
 
-            if (!round) {
-                const envsamp_kd_desc desc = facing_desc(with, block_count);
-
-                if (!kd_fixture_build(f, &view, &desc))
-                    input_fail("build", envsamp_result_string(f->result));
-            }
+            if (!round && !bench_table_build(f, &view, &desc))
+                input_fail("build", envsamp_result_string(f->result));
             start = cpu_ns();
-            envsamp_kd_build(&view, &f->desc, f->table.buffer, f->scratch.buffer, &f->kd);
+            envsamp_kd_build(&view, &desc, f->memory, f->scratch, &f->kd);
             start = cpu_ns() - start;
             ns[with] = round && ns[with] < start ? ns[with] : start;
         }
@@ -439,7 +436,7 @@ static void print_error_promises(errors *all, int maps)
 }
 
 static void print_times(const double ns[OPERATIONS], const double build[2],
-                        const kd_fixture tables[2])
+                        const bench_table tables[2])
 {
     const double bytes = (double)envsamp_kd_bytes(tables[1].kd);
     int what;
@@ -460,7 +457,7 @@ static void print_times(const double ns[OPERATIONS], const double build[2],
 static void report_times(const bench_input *input)
 {
     static timed t;
-    kd_fixture tables[2];
+    bench_table tables[2];
     irradiance e;
     double ns[OPERATIONS], build[2];
 
@@ -477,8 +474,8 @@ static void report_times(const bench_input *input)
            input->map.height, ROUND_COUNT, BATCH, SMALL_BATCH);
     print_times(ns, build, tables);
     baseline_cdf_destroy(&t.cdf);
-    kd_fixture_free(&tables[0]);
-    kd_fixture_free(&tables[1]);
+    bench_table_free(&tables[0]);
+    bench_table_free(&tables[1]);
 }
 
 static void report_errors(void)
@@ -487,21 +484,21 @@ static void report_errors(void)
     static subject s;
     const map_set set = map_set_find();
     double log_build = 0.0, build[2];
-    kd_fixture tables[2];
+    bench_table tables[2];
     int i;
 
     for (i = 0; i < set.count; i++) {
         if (!map_set_load(&set, i, &s.map))
             exit(EXIT_FAILURE);
         image_clean(&s.map);
-        s.view = kd_image(s.map.rgb, s.map.width, s.map.height, 3);
+        s.view = bench_view(&s.map);
         time_builds(&s.map, 0, 3, tables, build);
         log_build += log(build[1] / build[0]) / set.count;
         s.table = tables[1];
         make_exact(&s);
         measure_map(&s, all[i]);
-        kd_fixture_free(&tables[0]);
-        kd_fixture_free(&tables[1]);
+        bench_table_free(&tables[0]);
+        bench_table_free(&tables[1]);
         image_free(&s.map);
     }
     printf("RMS relative error of irradiance of 64 normals, geometric mean of %d %s maps, 6144\n"

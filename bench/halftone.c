@@ -74,8 +74,8 @@ static void make_importance(subject *s)
     const size_t stride = (size_t)width + 1;
     int x, y;
 
-    s->importance = kd_allocate((size_t)width * (size_t)height * sizeof(float));
-    s->below = kd_allocate(stride * ((size_t)height + 1) * sizeof(double));
+    s->importance = bench_allocate((size_t)width * (size_t)height * sizeof(float));
+    s->below = bench_allocate(stride * ((size_t)height + 1) * sizeof(double));
     for (y = 0; y < height; y++)
         for (x = 0; x < width; x++) {
             const size_t texel = (size_t)y * (size_t)width + (size_t)x;
@@ -115,11 +115,11 @@ static void make_rectangles(subject *s)
 static int subject_make(subject *s)
 {
     image_clean(&s->map);
-    s->view = kd_image(s->map.rgb, s->map.width, s->map.height, 3);
+    s->view = bench_view(&s->map);
     make_importance(s);
     make_rectangles(s);
     s->scratch.bytes = (size_t)1 << 20;
-    s->scratch.data = kd_allocate(s->scratch.bytes);
+    s->scratch.data = bench_allocate(s->scratch.bytes);
     return irradiance_make(&s->exact, &s->map)
         && baseline_cdf_create(s->map.rgb, s->map.width, s->map.height, &s->cdf);
 }
@@ -506,8 +506,8 @@ static void print_times(subject *s)
 
     if (!map_make("studio", 1024, 512, &s->map) || !subject_make(s))
         return;
-    row_weights = kd_allocate((size_t)s->map.height * sizeof *row_weights);
-    importance = kd_allocate((size_t)s->map.width * (size_t)s->map.height * sizeof *importance);
+    row_weights = bench_allocate((size_t)s->map.height * sizeof *row_weights);
+    importance = bench_allocate((size_t)s->map.width * (size_t)s->map.height * sizeof *importance);
     baseline_row_weights(s->map.width, s->map.height, row_weights);
     for (round = 0; round < ROUND_COUNT; round++)
         for (i = 0; i < TIMED; i++) {

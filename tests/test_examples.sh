@@ -14,9 +14,9 @@ report() {  # pass (0 is yes), what; a failure shows what the example printed
     { echo "$0: $2"; head -n 20 "$tmp/out" "$tmp/err"; } | sed 's/^/#   /' >&2
 }
 
-build/product -q >"$tmp/out" 2>"$tmp/err"
+build/product_gallery -q >"$tmp/out" 2>"$tmp/err"
 report $? "halftoned products have a third of the error of BRDF sampling, half of SIR's"
-build/product "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
+build/product_gallery "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
 [ $? = 1 ] && grep -qF missing.pfm "$tmp/err"
 report $? "product: a missing map: $(head -n 1 "$tmp/err" | sed "s#$tmp/##g")"
 build/lights_gallery -o "$tmp" -k 16 studio >"$tmp/out" && [ -s "$tmp/lights_studio.png" ]

@@ -198,7 +198,7 @@ static int subject_real(subject *s, int index)
     image map;
     int x, y, c;
 
-    if (!reference_real_map(index, &map))
+    if (!real_map_read(index, &map))
         return 0;
     subject_size(s, ENVSAMP_LATLONG, map.width / 4, map.height / 4);
     for (y = 0; y < map.height / 4 * 4; y++)
@@ -469,7 +469,7 @@ static void test_real(void)
     int i;
 
     memset(&v, 0, sizeof v);
-    for (i = 0; i < REFERENCE_REAL_COUNT; i++)
+    for (i = 0; i < REAL_MAP_COUNT; i++)
         if (subject_real(&s, i)) {
             judge_map(&s, 2 * i, &v);
             subject_free(&s);

@@ -9,9 +9,10 @@
 #include "../envsamp.h"
 
 #include "../examples/common/random.h"
-#include "../tests/sampler.h"
-#include "map_set.h"
-#include "warp_walk.h"
+#include "kd_reference.h"
+#include "sampler.h"
+#include "../bench/map_set.h"
+#include "../bench/warp_walk.h"
 
 #define BLOCKS 6144
 #define SIZES 4                 /* block counts at which L1 is compared with a scan */

@@ -1,7 +1,7 @@
-/* product.c: product sampling: 32 rays for every pixel, chosen for it by error diffusion over light
+/* product_gallery.c: product sampling: 32 rays for every pixel, chosen for it by error diffusion over light
  * x BRDF x cosine, beside BRDF sampling and sampling-importance resampling at as many rays.
  *
- *     product [-q] [-o FOLDER] [MAP]
+ *     product_gallery [-q] [-o FOLDER] [MAP]
  *
  * MAP is a lat-long HDR or PFM file or a name of maps.h; the default is sky, whose sun fills 14 of
  * 65536 texels with 84 % of the light: what BRDFs hardly ever hit, of another colour than the rest.
@@ -34,11 +34,11 @@
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
-#include "common/folder.h"
-#include "common/maps.h"
-#include "common/picture.h"
-#include "common/product_scene.h"
-#include "common/random.h"
+#include "../examples/common/folder.h"
+#include "../examples/common/maps.h"
+#include "../examples/common/picture.h"
+#include "../examples/common/product_scene.h"
+#include "../examples/common/random.h"
 
 #include <float.h>
 #include <stdio.h>
@@ -713,7 +713,7 @@ static int draw(const trial *t, shading *s, picture *out)
 
 /* ---- the program ----------------------------------------------------------------------------- */
 
-#define USAGE "usage: product [-q] [-o FOLDER] [MAP.hdr, MAP.pfm or sky, studio, night, foliage]\n"
+#define USAGE "usage: product_gallery [-q] [-o FOLDER] [MAP.hdr, MAP.pfm or sky, studio, night, foliage]\n"
 
 typedef struct options { const char *folder, *map; int quick; } options;
 
@@ -799,8 +799,8 @@ int main(int argc, char **argv)
     image_free(&map);
     fflush(stdout);
     if (!good)
-        fprintf(stderr, "product: %s\n", error);
+        fprintf(stderr, "product_gallery: %s\n", error);
     else if (o.quick && !well)
-        fprintf(stderr, "product: the double product has too large an error\n");
+        fprintf(stderr, "product_gallery: the double product has too large an error\n");
     return good && (well || !o.quick) ? EXIT_SUCCESS : EXIT_FAILURE;
 }
