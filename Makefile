@@ -46,7 +46,7 @@ HEADERS  := envsamp.h $(wildcard examples/common/*.h examples/render/*.h tests/*
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
-LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh render.sh bits.sh fast_math.sh \
+LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh numbers.sh render.sh bits.sh fast_math.sh \
               stack.sh) \
             $(addprefix $(BUILD)/test_, lights_lamps kd_statistics kd_fit halftone cdf kd_warp \
               kd_exact kd_facing kd_table bilinear coarse lights_cuts lights lights_decomposed \
@@ -63,7 +63,7 @@ TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o)
 
 .PHONY: help demo check install lights facing product render unbiased gallery tables test bench \
         samplers scale fuzz corpus mutants coverage figures facing-table convergence halftone \
-        scene lamps coarse shapes builds targets importance least-squares left-out again \
+        scene lamps coarse shapes builds targets importance least-squares left-out again numbers \
         portability portability-setup data setup clean
 
 help:  ## list the targets
@@ -188,6 +188,11 @@ portability:  ## compilers x machines x standards: the same bits, in one table
 
 portability-setup:  ## install the compilers and emulators for it that Debian has
 	@sh tests/setup_portability.sh
+
+# LONG=: the long commands too, hours; LONG=word: those with this word.
+SHORT = $(addprefix $(BUILD)/, samplers facing_gallery product_gallery)
+numbers: $(SHORT)  ## the numbers of the README files, printed again and compared
+	perl tests/numbers.pl $(if $(filter undefined,$(origin LONG)),,-l $(LONG))
 
 figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; POINTS=10000000
 	$(BUILD)/figures $(POINTS)
