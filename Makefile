@@ -150,6 +150,7 @@ tables: setup  ## all samplers and lights in the renderer, over the real maps: b
 	$(BUILD)/render_tables -t $(JOBS) $(TABLES)
 
 # MAP: sky, studio, constant, night, foliage, or an HDR or PFM file; enlarged to 2048.
+# CHECK=1, here and elsewhere: what is promised of the figures, and where it is MISSED.
 bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
 	$(BUILD)/bench $(MAP_WORD)
 	$(BUILD)/cold $(MAP_WORD)

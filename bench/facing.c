@@ -19,6 +19,7 @@
 #include "baselines.h"
 #include "input.h"
 #include "map_set.h"
+#include "promise.h"
 
 #define ROUND_COUNT 15
 #include "timing.h"
@@ -401,14 +402,13 @@ static void print_errors(errors *all, int maps)
             }
 }
 
-static void print_promise(const char *name, double ratio, double promised)
+static void print_ratio(const char *name, double ratio, double promised)
 {
-    printf("%-56s %6.3f   <= %-5g %s\n", name, ratio, promised,
-           ratio <= promised ? "kept" : "MISSED");
+    printf("%-56s %6.3f%s\n", name, ratio, promise("<=", promised, ratio <= promised));
 }
 
 /* The worst row of the table, and on how many maps facing is behind. */
-static void print_error_promises(errors *all, int maps)
+static void print_error_ratios(errors *all, int maps)
 {
     double worst = 0.0;
     int view, numbers, m, i, behind = 0;
@@ -425,12 +425,12 @@ static void print_error_promises(errors *all, int maps)
                 }
             }
     printf("\n");
-    print_promise("facing / light only, 16 Owen-Sobol points",
+    print_ratio("facing / light only, 16 Owen-Sobol points",
                   mean_of(all, maps, OPEN, SOBOL, 0, FACING)
                   / mean_of(all, maps, OPEN, SOBOL, 0, LIGHT), 0.30);
-    print_promise("facing / light only, 64", mean_of(all, maps, OPEN, SOBOL, 1, FACING)
+    print_ratio("facing / light only, 64", mean_of(all, maps, OPEN, SOBOL, 1, FACING)
                                              / mean_of(all, maps, OPEN, SOBOL, 1, LIGHT), 0.35);
-    print_promise("facing / MIS light + cosine, the worst row", worst, 1.0);
+    print_ratio("facing / MIS light + cosine, the worst row", worst, 1.0);
     printf("behind the best of light only and MIS in %d of %d rows of single maps\n\n", behind,
            maps * VIEWS * NUMBERS * COUNTS);
 }
@@ -446,12 +446,12 @@ static void print_times(const double ns[OPERATIONS], const double build[2],
     printf("%-36s %8.2f ms, without %.2f\n", "build with facing", 1e-6 * build[1], 1e-6 * build[0]);
     printf("%-36s %8.0f bytes, without %.0f\n\n", "table with facing", bytes,
            (double)envsamp_kd_bytes(tables[0].kd));
-    print_promise("sample_facing / sample", ns[SAMPLE_FACING] / ns[SAMPLE], 4.0);
-    print_promise("sample_facing / inversion", ns[SAMPLE_FACING] / ns[INVERSION], 1.0);
-    print_promise("sample_facing_n / sample", ns[SAMPLE_FACING_N] / ns[SAMPLE], 2.5);
-    print_promise("pdf_facing / pdf", ns[PDF_FACING] / ns[PDF], 3.0);
-    print_promise("build, with / without", build[1] / build[0], 1.1);
-    print_promise("table, KiB", bytes / 1024.0, 330.0);
+    print_ratio("sample_facing / sample", ns[SAMPLE_FACING] / ns[SAMPLE], 4.0);
+    print_ratio("sample_facing / inversion", ns[SAMPLE_FACING] / ns[INVERSION], 1.0);
+    print_ratio("sample_facing_n / sample", ns[SAMPLE_FACING_N] / ns[SAMPLE], 2.5);
+    print_ratio("pdf_facing / pdf", ns[PDF_FACING] / ns[PDF], 3.0);
+    print_ratio("build, with / without", build[1] / build[0], 1.1);
+    print_ratio("table, KiB", bytes / 1024.0, 330.0);
 }
 
 static void report_times(const bench_input *input)
@@ -467,7 +467,6 @@ static void report_times(const bench_input *input)
     t.kd = tables[1].kd;
     if (!baseline_cdf_create(input->map.rgb, input->map.width, input->map.height, &t.cdf))
         input_fail("inversion", "out of memory");
-    fprintf(stderr, "times\n");
     time_operations(&t, input, ns);
     printf("Times: %s, %d x %d, CPU time, the least of %d rounds; normals change with every call,\n"
            "of _n with every %d or %d\n\n", input->options.map_path, input->map.width,
@@ -482,7 +481,7 @@ static void report_errors(void)
 {
     static errors all[MAP_SET_MAX];
     static subject s;
-    const map_set set = map_set_find();
+    map_set set = map_set_find("facing");
     double log_build = 0.0, build[2];
     bench_table tables[2];
     int i;
@@ -501,11 +500,12 @@ static void report_errors(void)
         bench_table_free(&tables[1]);
         image_free(&s.map);
     }
+    map_set_done(&set);
     printf("RMS relative error of irradiance of 64 normals, geometric mean of %d %s maps, 6144\n"
            "blocks, bilinear\n\n", set.count, map_set_kind(&set));
     print_errors(all, set.count);
-    print_error_promises(all, set.count);
-    print_promise("build of these maps, with / without", exp(log_build), 1.1);
+    print_error_ratios(all, set.count);
+    print_ratio("build of these maps, with / without", exp(log_build), 1.1);
     printf("\n");
     fflush(stdout);
 }

@@ -451,7 +451,6 @@ static long wrong_counts(subject *s, long *runs)
 
 static void count_map(subject *s, const char *name, long *runs, long *wrong)
 {
-    fprintf(stderr, "counts: %s\n", name);
     if (!subject_make(s)) {
         printf("%s: not enough memory\n", name);
         exit(EXIT_FAILURE);
@@ -460,17 +459,19 @@ static void count_map(subject *s, const char *name, long *runs, long *wrong)
     subject_free(s);
 }
 
-static void print_counts(const map_set *set, subject *s)
+static void print_counts(map_set *set, subject *s)
 {
     long runs = 0, wrong = 0;
     int i;
 
+    set->shown = progress_start("halftone, counts");
     for (i = 0; i < set->count && set->real; i++)
         if (map_set_load(set, i, &s->map))
             count_map(s, map_set_name(set, i), &runs, &wrong);
     for (i = 0; map_names[i]; i++)
         if (map_make(map_names[i], 512, 256, &s->map))
             count_map(s, map_names[i], &runs, &wrong);
+    map_set_done(set);
     printf("\nCounts: all M from 1 to %d, every kernel, %d real and %d made-up maps; every 64th M "
            "also with\nrepeat and texel by texel: %ld of %ld halftones have not M samples\n",
            M_MAX, set->real ? set->count : 0, i, wrong, runs);
@@ -531,7 +532,7 @@ int main(int argc, char **argv)
 {
     static subject s;
     static errors all[MAP_SET_MAX][ROWS];
-    const map_set set = map_set_find();
+    map_set set = map_set_find("halftone");
     double share[MAP_SET_MAX];
     int i, row;
 
@@ -547,6 +548,7 @@ int main(int argc, char **argv)
             all[i][row] = measure(&s, row, i);
         subject_free(&s);
     }
+    map_set_done(&set);
     print_cpu();
     print_compiler(BENCH_FLAGS);
     printf("%d maps: %s\n", set.count, map_set_kind(&set));

@@ -197,7 +197,7 @@ static void print_table(int surface, int count)
 
 int main(void)
 {
-    const map_set set = map_set_find();
+    map_set set = map_set_find("importance");
     int i, surface;
     image map;
 
@@ -210,6 +210,7 @@ int main(void)
         measure_map(&map, i);
         image_free(&map);
     }
+    map_set_done(&set);
     for (surface = 0; surface < SURFACES; surface++)
         print_table(surface, set.count);
     return 0;

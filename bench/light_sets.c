@@ -580,7 +580,7 @@ int main(void)
 {
     static scene view;
     static results all;
-    const map_set set = map_set_find();
+    map_set set = map_set_find("light_sets");
     int i;
 
     scene_make(&view);
@@ -595,6 +595,7 @@ int main(void)
         measure_map_sets(&map, &view, &all, set.count);
         image_free(&map);
     }
+    map_set_done(&set);
     print_lobes(&set, &all);
     print_stability(&set, &all);
     print_sets(&set, &all);

@@ -209,7 +209,7 @@ int main(void)
     static scene view;
     static subject s;
     static double all[MAP_SET_MAX][WAYS][K_COUNT];
-    const map_set set = map_set_find();
+    map_set set = map_set_find("scene");
     int i, m, k;
 
     scene_make(&view);
@@ -222,6 +222,7 @@ int main(void)
                 all[i][m][k] = measure(&view, &s, m, counts[k]);
         subject_free(&s);
     }
+    map_set_done(&set);
     print_cpu();
     print_compiler(BENCH_FLAGS);
     print_means(&set, all);

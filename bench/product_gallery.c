@@ -38,6 +38,7 @@
 #include "../examples/common/maps.h"
 #include "../examples/common/picture.h"
 #include "../examples/common/product_scene.h"
+#include "../examples/common/progress.h"
 #include "../examples/common/random.h"
 
 #include <float.h>
@@ -353,7 +354,10 @@ typedef struct trial {
     float *rgb[WAYS][SCENE_SURFACES];
     tally tallies[WAYS][SCENE_SURFACES][KINDS];
     double us[WAYS];                 /* microseconds a pixel */
+    progress shown;
 } trial;
+
+#define SEE_SHARE 0.65               /* of the time: the reference */
 
 static void see(trial *t, const dome_part *parts, int part_count, int surface, int pixel)
 {
@@ -520,13 +524,20 @@ static int trial_run(trial *t, shading *s)
 
     if (!parts)
         return 0;
+    t->shown = progress_start("product_gallery");
     count = dome_parts(s->dome, parts);
     for (surface = 0; surface < SCENE_SURFACES; surface++)
-        for (i = 0; i < t->width * t->height; i++)
+        for (i = 0; i < t->width * t->height; i++) {
+            progress_show(&t->shown, SEE_SHARE * (surface + (double)i / (t->width * t->height))
+                                     / SCENE_SURFACES, "reference");
             see(t, parts, count, surface, i);
+        }
     free(parts);
-    for (way = 0; way < WAYS; way++)
+    for (way = 0; way < WAYS; way++) {
+        progress_show(&t->shown, SEE_SHARE + (1.0 - SEE_SHARE) * way / WAYS, way_names[way]);
         shade_all(t, s, way);
+    }
+    progress_end(&t->shown);
     return 1;
 }
 

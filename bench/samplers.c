@@ -12,6 +12,7 @@
 #include "../examples/common/irradiance.h"
 #include "../examples/common/maps.h"
 #include "../examples/common/mis_scene.h"
+#include "../examples/common/progress.h"
 #include "baseline_sampler.h"
 #include "table.h"
 
@@ -26,7 +27,8 @@ typedef struct subject {
     const char *name;
     image map;
     envsamp_image view;
-    int timed;
+    int timed, index, count;         /* among all maps */
+    progress *shown;
 } subject;
 
 static void fail(const char *what, const char *why)
@@ -34,6 +36,12 @@ static void fail(const char *what, const char *why)
     fflush(stdout);
     fprintf(stderr, "samplers: %s: %s\n", what, why);
     exit(EXIT_FAILURE);
+}
+
+/* `done`: of 20 parts of a map. */
+static void show(const subject *s, double done)
+{
+    progress_show(s->shown, (s->index + done / 20.0) / s->count, s->name);
 }
 
 /* ---- methods ---- */
@@ -166,21 +174,24 @@ static void print_method(const subject *s, const method *m)
     const envsamp_kd_desc desc = method_desc(m);
     bench_table t;
     sampler by;
-    double kib;
+    double kib, build = 0.0, sample = 0.0;
 
+    show(s, 3.0 + (double)(m - methods) * 0.5);
     table_make(&t, s, &desc);
     by = sampler_of_kd(m->name, t.kd);
+    if (s->timed) {
+        build = build_ms(s, &desc, &t);
+        sample = sample_ns(&by);
+    }
     kib = (double)envsamp_kd_bytes(t.kd) / 1024.0;
+    progress_end(s->shown);
     printf("%-23s %6d %7.1f", m->name, t.info.block_count, kib);
     printf(cdf_kib(s) / kib < 99.95 ? " %7.1fx" : " %7.0fx", cdf_kib(s) / kib);
     if (m->select == ENVSAMP_KD_WARP)       /* its tree stands for bounds */
         printf(" %7s", "-");
     else
         printf(" %7.1f", 16.0 * (double)t.info.block_count / 1024.0);
-    if (s->timed)
-        print_times(s, build_ms(s, &desc, &t), sample_ns(&by));
-    else
-        print_times(s, 0.0, 0.0);
+    print_times(s, build, sample);
     printf(" %9.5f %8.3g", t.info.excess_variance, t.info.max_ratio);
     if (m->select == ENVSAMP_KD_FIT)
         printf(" %8.3g\n", t.info.alpha);
@@ -227,6 +238,8 @@ static void print_irradiance(const subject *s, const baseline_cdf *cdf)
     by[0] = sampler_of_kd("WARP", warp.kd);
     by[1] = sampler_of_kd("ALIAS", alias.kd);
     by[2] = sampler_of_cdf("full CDF, binary search", cdf);
+    show(s, 9.0);
+    progress_end(s->shown);
     printf("\nRMSE of irradiance, Sobol points:  N = %4u    N = %4u    N = %4u    N = %4u\n",
            (unsigned)points[0], (unsigned)points[1], (unsigned)points[2], (unsigned)points[3]);
     for (i = 0; i < 3; i++) {
@@ -281,7 +294,9 @@ static void print_mis(const subject *s)
     scene.view = &s->view;
     scene.plain = mis_light_of_kd(plain.kd);
     scene.compensated = mis_light_of_kd(compensated.kd);
+    show(s, 10.0);
     mis_scene_shade(&scene, 1);
+    progress_end(s->shown);
     printf("\n%-32s %11s %11s %11s %11s %7s\n", "RMSE of a scene, 16 rays", "BSDF", "map", "MIS",
            "compensated", "gain");
     print_mis_row(s->name, "kd, WARP", scene.panels);
@@ -296,7 +311,7 @@ static void print_mis(const subject *s)
     bench_table_free(&compensated);
 }
 
-static void do_map(const char *name, int timed)
+static void do_map(const char *name, int timed, int index, int count, progress *shown)
 {
     baseline_cdf cdf;
     char error[512];
@@ -304,6 +319,10 @@ static void do_map(const char *name, int timed)
 
     s.name = name;
     s.timed = timed;
+    s.index = index;
+    s.count = count;
+    s.shown = shown;
+    show(&s, 0.0);
     if (!map_make(name, MAP_WIDTH, MAP_WIDTH / 2, &s.map)
         && !image_read(name, &s.map, error, sizeof error)) {
         fprintf(stderr, "samplers: %s\n", error);
@@ -313,6 +332,7 @@ static void do_map(const char *name, int timed)
     s.view = bench_view(&s.map);
     if (!baseline_cdf_create(s.map.rgb, s.map.width, s.map.height, &cdf))
         fail(name, "the map is black, or memory short");
+    progress_end(shown);
     print_methods(&s, &cdf);
     print_irradiance(&s, &cdf);
     print_mis(&s);
@@ -323,16 +343,17 @@ static void do_map(const char *name, int timed)
 int main(int argc, char **argv)
 {
     const int timed = !(argc > 1 && !strcmp(argv[1], "-q")), first = timed ? 1 : 2;
+    progress shown = progress_start("samplers");
 
     if (argc > first + 1 || (argc > first && argv[first][0] == '-')) {
         fprintf(stderr, "usage: samplers [-q] [MAP]\n");
         return EXIT_FAILURE;
     }
     if (argc > first) {
-        do_map(argv[first], timed);
+        do_map(argv[first], timed, 0, 1, &shown);
     } else {
-        do_map("sky", timed);
-        do_map("studio", timed);
+        do_map("sky", timed, 0, 2, &shown);
+        do_map("studio", timed, 1, 2, &shown);
     }
     printf("sample: direction and pdf, two random numbers included. excess variance: of L/pdf,\n"
            "relative to the squared integral, 0 for the full CDF; largest L/pdf: relative to the\n"

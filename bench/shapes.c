@@ -13,6 +13,7 @@
 #define ENVSAMP_IMPLEMENTATION
 #include HEADER
 
+#include "../examples/common/progress.h"
 #include "../examples/common/random.h"
 #include "table.h"
 #define ROUND_COUNT 3
@@ -150,7 +151,8 @@ static double time_job(const envsamp_image *view, int job)
 
 int main(void)
 {
-    double first[JOBS];
+    progress shown = progress_start("shapes");
+    double first[JOBS], times[JOBS];
     int i, k;
 
     printf("%-12s", "");
@@ -166,16 +168,18 @@ int main(void)
         view.width = sizes[i][0];
         view.height = sizes[i][1];
         view.channels = 1;
-        printf("%5dx%-6d", sizes[i][0], sizes[i][1]);
         for (k = 0; k < JOBS; k++) {
-            const double time = time_job(&view, k);
-
+            progress_show(&shown, (double)(JOBS * i + k) / (SIZES * JOBS), names[k]);
+            times[k] = time_job(&view, k);
             if (sizes[i][0] == 2 * sizes[i][1])
-                first[k] = time;
-            printf("%8.1f %4.1fx", time, time / first[k]);
-            fflush(stdout);
+                first[k] = times[k];
         }
+        progress_end(&shown);
+        printf("%5dx%-6d", sizes[i][0], sizes[i][1]);
+        for (k = 0; k < JOBS; k++)
+            printf("%8.1f %4.1fx", times[k], times[k] / first[k]);
         printf("\n");
+        fflush(stdout);
         free(pixels);
     }
     return 0;

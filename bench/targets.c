@@ -126,7 +126,7 @@ static void print_table(int large, int select, int count)
 
 int main(void)
 {
-    const map_set set = map_set_find();
+    map_set set = map_set_find("targets");
     image map;
     int i;
 
@@ -142,6 +142,7 @@ int main(void)
         measure_all(&map, 1, i);
         image_free(&map);
     }
+    map_set_done(&set);
     for (i = 0; i < 4; i++)
         print_table(i / 2, i % 2, set.count);
     return 0;

@@ -74,6 +74,8 @@ report $? "and said to be flat"
 report $? "a made-up map by its name is not"
 build/samplers -q "$tmp/grey.hdr" >"$tmp/stdout" 2>"$tmp/stderr"
 report $? "all kinds of tables"
+[ ! -s "$tmp/stderr" ]
+report $? "whose log has no progress, as they take no time"
 [ "$(grep -cE 'grey.hdr, (kd, WARP|cdf) +([0-9.]+ +){4}[0-9.]+$' "$tmp/stdout")" = 2 ]
 report $? "with the gain of MIS compensation"
 echo "1..$count"
