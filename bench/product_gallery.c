@@ -1,5 +1,6 @@
-/* product_gallery.c: product sampling: 32 rays for every pixel, chosen for it by error diffusion over light
- * x BRDF x cosine, beside BRDF sampling and sampling-importance resampling at as many rays.
+/* product_gallery.c: product sampling: 32 rays for every pixel, chosen for it by error diffusion
+ * over light x BRDF x cosine, beside BRDF sampling and sampling-importance resampling at as many
+ * rays.
  *
  *     product_gallery [-q] [-o FOLDER] [MAP]
  *
@@ -724,7 +725,7 @@ static int draw(const trial *t, shading *s, picture *out)
 
 /* ---- the program ----------------------------------------------------------------------------- */
 
-#define USAGE "usage: product_gallery [-q] [-o FOLDER] [MAP.hdr, MAP.pfm or sky, studio, night, foliage]\n"
+#define USAGE "usage: product_gallery [-q] [-o FOLDER] [MAP]\n"
 
 typedef struct options { const char *folder, *map; int quick; } options;
 
