@@ -87,6 +87,14 @@ else
 endif
 endif
 
+# PROVE TESTS: runs them; what failed comes at once, and again behind the summary.
+define PROVE
+	@rm -f $(BUILD)/failures.txt
+	@{ CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) $1 --exec '' $2; echo $$? >$(BUILD)/status.txt; } \
+	    3>&1 2>&1 1>&3 | tee $(BUILD)/failures.txt >&2
+	@grep '^#' $(BUILD)/failures.txt >&2; exit $$(cat $(BUILD)/status.txt)
+endef
+
 # What a contributor needs to know at once, in two minutes on two cores. No packages.
 CHECKED = $(addprefix tests/test_, sections.sh snippets.sh) \
           $(addprefix $(BUILD)/test_, kd_exact kd_warp kd_target cdf mapping bilinear faults zero \
@@ -94,12 +102,12 @@ CHECKED = $(addprefix tests/test_, sections.sh snippets.sh) \
 check:  ## the tests that most changes need, in two minutes
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) \
 	    $(filter $(BUILD)/%,$(CHECKED))
-	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --exec '' $(CHECKED)
+	$(call PROVE,,$(CHECKED))
 
 # As many jobs at a time as there are cores, unless JOBS or -j says otherwise.
 test: setup  ## build and run all tests
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) $(TESTS) $(EXAMPLES)
-	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --timer --exec '' $(ORDERED)
+	$(call PROVE,--timer,$(ORDERED))
 
 lights: $(BUILD)/lights_gallery  ## a map as lights, and pictures; MAP=file, LIGHTS="-k 64"
 	$(BUILD)/lights_gallery -o $(BUILD)/pictures $(LIGHTS) $(MAP_WORD)
