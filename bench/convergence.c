@@ -23,6 +23,8 @@
 #include "plot.h"
 #include "promise.h"
 
+#include <math.h>
+
 #define PI 3.14159265358979323846
 #define NORMAL_COUNT 64
 #define N_FIRST 4
