@@ -76,6 +76,14 @@ build/samplers -q "$tmp/grey.hdr" >"$tmp/stdout" 2>"$tmp/stderr"
 report $? "all kinds of tables"
 [ ! -s "$tmp/stderr" ]
 report $? "whose log has no progress, as they take no time"
+if script -qec true /dev/null >/dev/null 2>&1; then
+    script -qec "build/samplers -q '$tmp/grey.hdr'" /dev/null </dev/null | tr '\r' '\n' \
+        | grep -qE '^\[#* *\] +[0-9]+ %'
+    report $? "on a terminal a line shows what is done"
+else
+    count=$((count + 1))
+    echo "ok $count # SKIP no terminal: script is not installed"
+fi
 [ "$(grep -cE 'grey.hdr, (kd, WARP|cdf) +([0-9.]+ +){4}[0-9.]+$' "$tmp/stdout")" = 2 ]
 report $? "with the gain of MIS compensation"
 echo "1..$count"
