@@ -141,4 +141,14 @@ for example in quickstart path_tracer lights halftone table_file placement; do
     [ "$(wc -l <examples/$example.c)" -lt 150 ]
     report $? "$example.c has fewer than 150 lines"
 done
+
+# ---- benches ----
+
+cat >"$tmp/promise.c" <<END
+#include "bench/promise.h"
+int main(void) { return puts(promise("<=", 2.5, 0)) < 0; }
+END
+${CC:-cc} -std=c99 -I. "$tmp/promise.c" -o "$tmp/promise" && [ -z "$(CHECK= "$tmp/promise")" ] &&
+    [ -z "$(CHECK=0 "$tmp/promise")" ] && CHECK=1 "$tmp/promise" | grep -q '<= 2.5 *MISSED'
+report $? "what is promised is shown with CHECK=1 only"
 echo "1..$count"
