@@ -15,6 +15,7 @@
 #                       its own
 #     data COMMAND      the same, where `make data` has fetched the real maps
 #     long COMMAND      the same, but it takes more than some 20 s
+#     look COMMAND      it takes long, and they follow from what it prints; they are not compared
 #     time COMMAND      it prints them, other ones each time and on each machine
 #     given WHY         no measurement
 #
@@ -77,7 +78,7 @@ sub list {
         next if /^\s*$|^;/;
         if (/^@ (.*)/) { $file = $1 }
         elsif (/^= (\w+) (.*)/) { $named{$1} = $2 }
-        elsif (/^\s+(check|data|long|time|given) (?:\{(.*?)\} )?(.*)/) {
+        elsif (/^\s+(check|data|long|look|time|given) (?:\{(.*?)\} )?(.*)/) {
             push @{$entries[-1]{sources}},
                 { kind => $1, columns => defined $2 ? [split /, */, $2] : undef, command => $3 };
         }
@@ -91,7 +92,7 @@ sub list {
 
 sub runs {
     my ($source) = @_;
-    return 0 if $source->{kind} eq 'time' || $source->{kind} eq 'given';
+    return 0 if $source->{kind} =~ /^(?:look|time|given)$/;
     return 0 if $source->{kind} eq 'data' && !-e 'data/city.pfm';
     return $source->{kind} ne 'long' || defined $long && index($source->{command}, $long) >= 0;
 }
@@ -250,12 +251,12 @@ for my $entry (@entries) {
     else { compare_text($documents{$file}, $entry) }
 }
 find_left_out($documents{$_}) for @order;
-my %why = (time => 'time', long => 'takes long', data => 'no real maps: make data',
+my %why = (time => 'time', long => 'takes long', look => 'takes long, by eye', data => 'no real maps: make data',
            given => 'no measurement');
-for my $kind (qw(time long data given)) {
+for my $kind (qw(time long look data given)) {
     printf "not checked: %s: %s (%d)\n", $why{$kind}, $_, $said{$kind}{$_}
         for sort keys %{$said{$kind} // {}};
 }
-printf "%d numbers are printed again, %d are times, %d of long commands, %d of real maps, %d given; "
-       . "%d errors\n", map({ $tally{$_} // 0 } qw(check time long data given)), $errors;
+printf "%d numbers are printed again, %d are times, %d of long commands, %d by eye, %d of real maps, "
+       . "%d given; %d errors\n", map({ $tally{$_} // 0 } qw(check time long look data given)), $errors;
 exit($errors != 0);
