@@ -8,8 +8,8 @@
 #     perl tests/numbers.pl DIR     with documents and list of another folder
 #
 # tests/numbers.txt names a command for each number. A line that begins with @ names a document. A
-# line at the margin is a piece of its text, in which each # stands for a number, or the heading of a
-# table. The lines below it, indented, say where its numbers come from:
+# line at the margin is a piece of its text, in which each # stands for a number, or the heading of
+# a table. The lines below it, indented, say where its numbers come from:
 #
 #     check COMMAND     they are printed by it, in this order; of a table: each row by a line of
 #                       its own
@@ -20,9 +20,9 @@
 #     given WHY         no measurement
 #
 # {a, b} before the command names columns of a table; without it all others are meant. Its first
-# column and its heading are labels. $NAME in a command is a file with what a command prints that the
-# list names so: "= NAME COMMAND". Numbers in code, in [references] and behind letters do not count. A
-# number without a line, a line without a number and a command that fails are errors.
+# column and its heading are labels. $NAME in a command is a file with what a command prints that
+# the list names so: "= NAME COMMAND". Numbers in code, in [references] and behind letters do not
+# count. A number without a line, a line without a number and a command that fails are errors.
 use strict;
 use warnings;
 use File::Temp 'tempdir';
@@ -251,12 +251,13 @@ for my $entry (@entries) {
     else { compare_text($documents{$file}, $entry) }
 }
 find_left_out($documents{$_}) for @order;
-my %why = (time => 'time', long => 'takes long', look => 'takes long, by eye', data => 'no real maps: make data',
-           given => 'no measurement');
+my %why = (time => 'time', long => 'takes long', look => 'takes long, by eye',
+           data => 'no real maps: make data', given => 'no measurement');
 for my $kind (qw(time long look data given)) {
     printf "not checked: %s: %s (%d)\n", $why{$kind}, $_, $said{$kind}{$_}
         for sort keys %{$said{$kind} // {}};
 }
-printf "%d numbers are printed again, %d are times, %d of long commands, %d by eye, %d of real maps, "
-       . "%d given; %d errors\n", map({ $tally{$_} // 0 } qw(check time long look data given)), $errors;
+printf "%d numbers are printed again, %d are times, %d of long commands, %d by eye, "
+       . "%d of real maps, %d given; %d errors\n", map({ $tally{$_} // 0 } qw(check time long look data given)),
+       $errors;
 exit($errors != 0);
