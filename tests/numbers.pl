@@ -257,7 +257,7 @@ for my $kind (qw(time long look data given)) {
     printf "not checked: %s: %s (%d)\n", $why{$kind}, $_, $said{$kind}{$_}
         for sort keys %{$said{$kind} // {}};
 }
-printf "%d numbers are printed again, %d are times, %d of long commands, %d by eye, "
-       . "%d of real maps, %d given; %d errors\n", map({ $tally{$_} // 0 } qw(check time long look data given)),
-       $errors;
+printf "%d numbers are printed again, %d are times, %d of long commands, %d by eye, %d of real "
+       . "maps, %d given; %d errors\n",
+       map({ $tally{$_} // 0 } qw(check time long look data given)), $errors;
 exit($errors != 0);
