@@ -38,7 +38,7 @@ RENDER_PARTS := scene shapes material environment inversion integrator lights up
 
 COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
 EXAMPLES := $(addprefix $(BUILD)/, quickstart path_tracer lights halftone table_file placement \
-              engine sun_and_sky lights_gallery facing_gallery product demo_exr \
+              engine sun_and_sky lights_gallery facing_gallery product_gallery demo_exr samplers \
               $(if $(EMBREE),render render_unbiased render_tables))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
@@ -47,7 +47,7 @@ HEADERS  := envsamp.h $(wildcard $(addsuffix /*.h, examples/common examples/engi
 TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
-LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh render.sh bits.sh fast_math.sh \
+LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh numbers.sh render.sh bits.sh fast_math.sh \
               stack.sh) \
             $(addprefix $(BUILD)/test_, lights_lamps kd_statistics kd_fit halftone cdf kd_warp \
               kd_exact kd_facing kd_table bilinear coarse lights_cuts lights lights_decomposed \
@@ -63,22 +63,39 @@ RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o) $(EXR_OBJECTS)
 
 .PHONY: help demo check install lights sun-and-sky engine facing product render unbiased gallery \
-        tables test bench scale fuzz corpus mutants coverage figures facing-table convergence \
-        halftone scene lamps coarse shapes builds targets importance least-squares left-out again \
+        tables test bench samplers scale fuzz corpus mutants coverage figures facing-table \
+        convergence halftone scene lamps coarse shapes builds targets importance least-squares \
+        left-out again numbers \
         portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
 
-# An EXR file takes the build that reads it, and libopenexr, which setup installs.
+# An EXR file takes the build that reads it, and libopenexr, which setup installs. Two made-up maps
+# go side by side.
 ifneq ($(filter %.exr,$(MAP)),)
 demo: setup
-	@$(MAKE) --no-print-directory $(BUILD)/demo_exr
+	@$(MAKE) --no-print-directory -j$(JOBS) $(BUILD)/demo_exr
 	$(BUILD)/demo_exr -o $(BUILD)/pictures $(MAP_WORD)
 else
-demo: $(BUILD)/demo  ## sample made-up maps and draw pictures; MAP=file: that map
+demo:  ## sample made-up maps and draw pictures; MAP=file: that map
+	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) $(BUILD)/demo
+ifdef MAP
 	$(BUILD)/demo -o $(BUILD)/pictures $(MAP_WORD)
+else
+	$(BUILD)/demo -o $(BUILD)/pictures studio >$(BUILD)/demo_studio.txt & \
+	    $(BUILD)/demo -o $(BUILD)/pictures sky; sky=$$?; \
+	    wait $$! && cat $(BUILD)/demo_studio.txt && exit $$sky
 endif
+endif
+
+# PROVE TESTS: runs them; what failed comes at once, and again behind the summary.
+define PROVE
+	@rm -f $(BUILD)/failures.txt
+	@{ CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) $1 --exec '' $2; echo $$? >$(BUILD)/status.txt; } \
+	    3>&1 2>&1 1>&3 | tee $(BUILD)/failures.txt >&2
+	@grep '^#' $(BUILD)/failures.txt >&2; exit $$(cat $(BUILD)/status.txt)
+endef
 
 # What a contributor needs to know at once, in two minutes on two cores. No packages.
 CHECKED = $(addprefix tests/test_, sections.sh snippets.sh) \
@@ -87,12 +104,12 @@ CHECKED = $(addprefix tests/test_, sections.sh snippets.sh) \
 check:  ## the tests that most changes need, in two minutes
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) \
 	    $(filter $(BUILD)/%,$(CHECKED))
-	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --exec '' $(CHECKED)
+	$(call PROVE,,$(filter $(CHECKED),$(ORDERED)))
 
 # As many jobs at a time as there are cores, unless JOBS or -j says otherwise.
 test: setup  ## build and run all tests
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$(JOBS)) $(TESTS) $(EXAMPLES)
-	CC="$(CC)" CXX="$(CXX)" prove -j$(JOBS) --timer --exec '' $(ORDERED)
+	$(call PROVE,--timer,$(ORDERED))
 
 lights: $(BUILD)/lights_gallery  ## a map as lights, and pictures; MAP=file, LIGHTS="-k 64"
 	$(BUILD)/lights_gallery -o $(BUILD)/pictures $(LIGHTS) $(MAP_WORD)
@@ -109,8 +126,8 @@ engine: $(BUILD)/engine  ## a frame loop: tables in steps as the sun moves; ENGI
 facing: $(BUILD)/facing_gallery  ## light x cosine beside light and MIS, and a picture; MAP=file
 	$(BUILD)/facing_gallery -o $(BUILD)/pictures $(MAP_WORD)
 
-product: $(BUILD)/product  ## product sampling by halftones beside BRDF and SIR, and a picture
-	$(BUILD)/product -o $(BUILD)/pictures $(PRODUCT) $(MAP_WORD)
+product: $(BUILD)/product_gallery  ## product sampling by halftones beside BRDF and SIR, a picture
+	$(BUILD)/product_gallery -o $(BUILD)/pictures $(PRODUCT) $(MAP_WORD)
 
 # RENDER="--scene chrome --spp 256"; build/render --help shows all options.
 render: setup  ## a scene under a map, by Embree, and its picture; MAP=file, RENDER=options
@@ -138,13 +155,13 @@ left-out: | $(BUILD)  ## compile time and text of the header, whole and with par
 # The real maps, where make data has fetched them.
 gallery: setup  ## every picture of the README, in build/pictures
 	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip demo lights_gallery \
-	    facing_gallery product)
+	    facing_gallery product_gallery)
 	@mkdir -p $(BUILD)/pictures $(BUILD)/references
 	$(BUILD)/strip -t $(JOBS) $(MAP_WORD)
 	$(BUILD)/demo -o $(BUILD)/pictures
 	$(BUILD)/lights_gallery -k 32 -o $(BUILD)/pictures sky
 	$(BUILD)/facing_gallery -o $(BUILD)/pictures
-	$(BUILD)/product -o $(BUILD)/pictures
+	$(BUILD)/product_gallery -o $(BUILD)/pictures
 
 # TABLES="samplers calls": only these. What is done is kept; an hour and a half on two cores.
 tables: setup  ## all samplers and lights in the renderer, over the real maps: bench/results
@@ -152,10 +169,14 @@ tables: setup  ## all samplers and lights in the renderer, over the real maps: b
 	$(BUILD)/render_tables -t $(JOBS) $(TABLES)
 
 # MAP: sky, studio, constant, night, foliage, or an HDR or PFM file; enlarged to 2048.
+# CHECK=1, here and elsewhere: what is promised of the figures, and where it is MISSED.
 bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other samplers; MAP=file
 	$(BUILD)/bench $(MAP_WORD)
 	$(BUILD)/cold $(MAP_WORD)
 	$(BUILD)/bench_batch $(MAP_WORD)
+
+samplers: $(BUILD)/samplers  ## every kind of table: bytes, times, variance, MIS; MAP=file
+	$(BUILD)/samplers $(MAP_WORD)
 
 scale: $(BUILD)/scale  ## large maps by row callback, and builds in steps
 	$(BUILD)/scale $(MAP_WORD)
@@ -187,6 +208,11 @@ portability:  ## compilers x machines x standards: the same bits, in one table
 
 portability-setup:  ## install the compilers and emulators for it that Debian has
 	@sh tests/setup_portability.sh
+
+# LONG=: the long commands too, hours; LONG=word: those with this word.
+SHORT = $(addprefix $(BUILD)/, samplers facing_gallery product_gallery)
+numbers: $(SHORT)  ## the numbers of the README files, printed again and compared
+	perl tests/numbers.pl $(if $(filter undefined,$(origin LONG)),,-l $(LONG))
 
 figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; POINTS=10000000
 	$(BUILD)/figures $(POINTS)
@@ -293,6 +319,9 @@ $(BUILD)/%_gallery: bench/%_gallery.c $(OBJECTS) $(HEADERS)
 $(BUILD)/demo: bench/demo.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(BUILD)/baselines.o $(OBJECTS) $(LIBM) -o $@
 
+$(BUILD)/samplers: bench/samplers.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
+	$(COMPILE) -DENVSAMP_IMPLEMENTED $< $(BUILD)/baselines.o $(OBJECTS) $(LIBM) -o $@
+
 $(BUILD)/demo_exr: bench/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(BUILD)/baselines.o $(EXR_OBJECTS) \
 	    $(EXR_LIBS) $(LIBM) -o $@
@@ -324,25 +353,27 @@ $(BUILD)/bench_batch: bench/bench_batch.c bench/input.c $(BUILD)/baselines.o $(C
 	    $(BUILD)/baselines.o $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/convergence: bench/convergence.c $(PLOTTED) $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/convergence.c $(PLOTTED) tests/inside.c $(COMMON) $(LIBM) -o $@
+	$(COMPILE) bench/convergence.c $(PLOTTED) $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/facing_table: bench/facing.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/facing.c $(TIMED) tests/inside.c $(COMMON) \
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/facing.c $(TIMED) $(COMMON) \
 	    $(LIBM) -o $@
 
 $(BUILD)/halftone_table: bench/halftone.c bench/baselines.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c tests/inside.c \
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/halftone.c bench/baselines.c \
 	    $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/scene: bench/lights.c bench/baselines.c examples/render/rivals.c $(COMMON) $(HEADERS) \
                 | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' $(filter %.c,$^) tests/inside.c $(LIBM) -o $@
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' $(filter %.c,$^) $(LIBM) -o $@
 
 $(BUILD)/light_sets: bench/light_sets.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/light_sets.c tests/inside.c $(COMMON) $(LIBM) -o $@
+	$(COMPILE) bench/light_sets.c $(COMMON) $(LIBM) -o $@
 
 # Made again each time: one does not see of which header they are.
-$(BUILD)/coarse $(BUILD)/shapes: $(BUILD)/%: bench/%.c $(COMMON) $(HEADERS) again | $(BUILD)
+$(BUILD)/coarse: tests/coarse.c
+$(BUILD)/shapes: bench/shapes.c
+$(BUILD)/coarse $(BUILD)/shapes: $(COMMON) $(HEADERS) again | $(BUILD)
 	$(COMPILE) $(OTHER_HEADER) $(filter %.c,$^) $(LIBM) -o $@
 
 # Two versions in one program, if HEADER names another.
@@ -354,13 +385,13 @@ $(BUILD)/builds: bench/builds.c bench/builds_version.c $(TIMED) $(COMMON) $(OBJE
 	    -o $(BUILD)/builds_before.o)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' $(if $(HEADER),-DWITH_BEFORE) bench/builds.c $(TIMED) \
 	    $(COMMON) $(BUILD)/builds_now.o $(if $(HEADER),$(BUILD)/builds_before.o) \
-	    $(BUILD)/envsamp.o tests/inside.c $(LIBM) -o $@
+	    $(BUILD)/envsamp.o $(LIBM) -o $@
 
 $(BUILD)/importance: bench/importance.c examples/common/picture.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/importance.c tests/inside.c examples/common/picture.c $(COMMON) $(LIBM) -o $@
+	$(COMPILE) bench/importance.c examples/common/picture.c $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/targets: bench/targets.c bench/input.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/targets.c bench/input.c tests/inside.c $(COMMON) \
+	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/targets.c bench/input.c $(COMMON) \
 	    $(LIBM) -o $@
 
 $(BUILD)/least-squares: tests/test_lm_scales.c
@@ -368,8 +399,8 @@ $(BUILD)/lamps: tests/test_lights_lamps.c $(COMMON)
 $(BUILD)/least-squares $(BUILD)/lamps: $(HEADERS) again | $(BUILD)
 	$(COMPILE) -DENVSAMP_IMPLEMENTATION $(OTHER_HEADER) $(filter %.c,$^) $(LIBM) -o $@
 
-$(BUILD)/figures: bench/figures.c $(COMMON) $(HEADERS) | $(BUILD)
-	$(COMPILE) bench/figures.c tests/inside.c $(COMMON) $(LIBM) -o $@
+$(BUILD)/figures: tests/figures.c $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) tests/figures.c tests/inside.c $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/test_fuzz.o: tests/fuzz.c
 

@@ -12,9 +12,11 @@
 #include "../envsamp.h"
 
 #define ROUND_COUNT 9
+#include "../examples/common/progress.h"
 #include "../examples/common/random.h"
 #include "baselines.h"
 #include "input.h"
+#include "promise.h"
 #include "timing.h"
 #include "warp_walk.h"
 
@@ -24,7 +26,7 @@ typedef struct bench_state {
     bench_input input;
     float *row_weights;
     double checksum;
-    double last_notice;             /* seconds; of the last line of progress */
+    progress shown;
 } bench_state;
 
 enum { GIVEN, DRAWN, PDF, INVERT, BUILD, PASS, MEASURE_COUNT };
@@ -557,16 +559,6 @@ static void measure_inversion(const envsamp_cdf *cdf)
 
 /* ---- measuring ---- */
 
-static void notice(bench_state *bench, const char *phase, int done, int total)
-{
-    double now = seconds();
-
-    if (now - bench->last_notice < 1.0)
-        return;
-    bench->last_notice = now;
-    fprintf(stderr, "bench: %s, %d of %d\n", phase, done, total);
-}
-
 static double measure_given(bench_row *row, bench_state *bench, unsigned round)
 {
     const float *numbers = bench->input.numbers + 2 * (round * SLICE_COUNT % NUMBER_COUNT);
@@ -635,19 +627,23 @@ static double measure(bench_row *row, bench_state *bench, int what, unsigned rou
    that the ratio of a pdf to a sample is one of neighbours too. */
 static void measure_rounds(bench_row *rows, size_t count, bench_state *bench)
 {
+    const double all = (double)((ROUND_COUNT + 1) * count);
     int round, what;
     size_t i;
 
+    bench->shown = progress_start("bench");
     for (round = -1; round < ROUND_COUNT; round++)
         for (i = 0; i < count; i++) {
+            progress_show(&bench->shown, ((double)(round + 1) * (double)count + (double)i) / all,
+                          "samples and pdfs");
             for (what = GIVEN; what <= INVERT; what++) {
                 double time = measure(&rows[i], bench, what, (unsigned)(round + 1));
 
                 if (round >= 0)
                     rows[i].times[what][round] = time;
             }
-            notice(bench, "samples and pdfs, round", round + 1, ROUND_COUNT);
         }
+    progress_end(&bench->shown);
 }
 
 /* Builds of one row after another, each in turn with the luminance pass, so that both find the
@@ -657,6 +653,7 @@ static void measure_builds(bench_row *rows, size_t count, bench_state *bench)
     int round;
     size_t i;
 
+    bench->shown = progress_start("bench");
     for (i = 0; i < count; i++)
         for (round = -1; round < ROUND_COUNT; round++) {
             double pass = measure(&rows[BUILD_REFERENCE], bench, BUILD, 0);
@@ -666,8 +663,10 @@ static void measure_builds(bench_row *rows, size_t count, bench_state *bench)
                 rows[i].times[PASS][round] = pass;
                 rows[i].times[BUILD][round] = build;
             }
-            notice(bench, "builds, row", (int)i + 1, (int)count);
+            progress_show(&bench->shown, ((double)i + (round + 1.0) / ROUND_COUNT)
+                                         / ((double)count + 1.0), rows[i].name);
         }
+    progress_end(&bench->shown);
 }
 
 static void prepare_rows(bench_row *rows, size_t count, bench_state *bench)
@@ -688,7 +687,6 @@ static void build_all(bench_row *rows, size_t count, bench_state *bench)
 
     for (i = 0; i < count; i++) {
         measure(&rows[i], bench, BUILD, 0);
-        notice(bench, "building the tables", (int)i + 1, (int)count);
     }
 }
 
@@ -736,17 +734,16 @@ static void print_samples(const bench_state *bench)
     }
 }
 
-static void print_promise(const char *name, const double *times, const double *reference,
-                          const char *relation, double promised)
+static void print_ratio(const char *name, const double *times, const double *reference,
+                        const char *relation, double promised)
 {
-    double ratio = median_ratio(times, reference);
-    int kept = relation[0] == '<' ? ratio <= promised : ratio >= promised;
+    const double ratio = median_ratio(times, reference);
+    const int kept = relation[0] == '<' ? ratio <= promised : ratio >= promised;
 
-    printf("%-44s %7.2f   %s %-4g  %s\n", name, ratio, relation, promised,
-           kept ? "kept" : "MISSED");
+    printf("%-44s %7.2f%s\n", name, ratio, promise(relation, promised, kept));
 }
 
-static void print_promises(void)
+static void print_ratios(void)
 {
     const bench_row *warp = &sample_rows[WARP], *alias = &sample_rows[ALIAS];
     const bench_row *inversion = &sample_rows[INVERSION];
@@ -756,18 +753,18 @@ static void print_promises(void)
     printf("\nWARP: %u tiles, %.2f cuts below a tile expected, %d at most; table %lu bytes\n",
            (unsigned)warp_tile_count(kd), cuts.expected, cuts.deepest,
            (unsigned long)envsamp_kd_bytes(kd));
-    printf("\n%-44s %7s   %s\n", "Promises, given numbers, one at a time", "ratio", "promised");
-    print_promise("sample: WARP / ALIAS", warp->times[GIVEN], alias->times[GIVEN], "<=", 2.5);
-    print_promise("sample: inversion / WARP", inversion->times[GIVEN], warp->times[GIVEN],
-                  ">=", 6.0);
-    print_promise("sample: inversion / WARP, no uv (_n)", inversion->times[GIVEN],
-                  sample_rows[WARP_LEAN].times[GIVEN], ">=", 6.0);
-    print_promise("pdf of WARP / sample of ALIAS", warp->times[PDF], alias->times[GIVEN],
-                  "<=", 2.0);
-    print_promise("pdf of ALIAS / sample of ALIAS", alias->times[PDF], alias->times[GIVEN],
-                  "<=", 2.0);
-    print_promise("pdf_n of ALIAS / sample of ALIAS", sample_rows[ALIAS_LEAN].times[PDF],
-                  alias->times[GIVEN], "<=", 2.0);
+    printf("\n%-44s %7s%s\n", "Of times, given numbers, one at a time", "ratio",
+           promise_heading());
+    print_ratio("sample: WARP / ALIAS", warp->times[GIVEN], alias->times[GIVEN], "<=", 2.5);
+    print_ratio("sample: inversion / WARP", inversion->times[GIVEN], warp->times[GIVEN], ">=", 6.0);
+    print_ratio("sample: inversion / WARP, no uv (_n)", inversion->times[GIVEN],
+                sample_rows[WARP_LEAN].times[GIVEN], ">=", 6.0);
+    print_ratio("pdf of WARP / sample of ALIAS", warp->times[PDF], alias->times[GIVEN],
+                "<=", 2.0);
+    print_ratio("pdf of ALIAS / sample of ALIAS", alias->times[PDF], alias->times[GIVEN],
+                "<=", 2.0);
+    print_ratio("pdf_n of ALIAS / sample of ALIAS", sample_rows[ALIAS_LEAN].times[PDF],
+                alias->times[GIVEN], "<=", 2.0);
 }
 
 static void print_inversion(void)
@@ -782,10 +779,10 @@ static void print_inversion(void)
            INVERSION_COUNT);
     for (i = 0; i < INVERSION_KINDS; i++)
         printf("%-24s %9.1f\n", names[i], median(inversion_times[i]));
-    print_promise("uv: search / guided", inversion_times[SEARCHED_UV],
-                  inversion_times[GUIDED_UV], ">=", 4.0);
-    print_promise("direction, pdf: search / _n", inversion_times[SEARCHED_DIR],
-                  inversion_times[GUIDED_N], ">=", 4.0);
+    print_ratio("uv: search / guided", inversion_times[SEARCHED_UV],
+                inversion_times[GUIDED_UV], ">=", 4.0);
+    print_ratio("direction, pdf: search / _n", inversion_times[SEARCHED_DIR],
+                inversion_times[GUIDED_N], ">=", 4.0);
 }
 
 static void print_builds(const bench_state *bench)
@@ -825,7 +822,6 @@ int main(int argc, char **argv)
 {
     static bench_state bench;
 
-    bench.last_notice = seconds();
     input_create(argc, argv, &bench.input);
     bench.row_weights = malloc((size_t)bench.input.map.height * sizeof(float));
     if (!bench.row_weights)
@@ -837,7 +833,7 @@ int main(int argc, char **argv)
     build_all(sample_rows, COUNT(sample_rows), &bench);
     measure_rounds(sample_rows, COUNT(sample_rows), &bench);
     print_samples(&bench);
-    print_promises();
+    print_ratios();
     measure_inversion(sample_rows[CDF].table);
     print_inversion();
     fflush(stdout);

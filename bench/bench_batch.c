@@ -11,8 +11,10 @@
 #include "../envsamp.h"
 
 #define ROUND_COUNT 15
+#include "../examples/common/progress.h"
 #include "baselines.h"
 #include "input.h"
+#include "promise.h"
 #include "timing.h"
 
 #define BATCH_COUNT 1024            /* divides SLICE_COUNT: in and out fit the first cache */
@@ -125,8 +127,10 @@ static const batch_row rows[] = {
     { "WARP pdf_n", WARP, pdf_batches, "inversion, pdf", pdf_inversion, NOTHING }
 };
 
+#define COUNT (sizeof rows / sizeof rows[0])
+
 /* The first round warms caches and is not counted. */
-static void measure(const batch_row *row, batch_state *b)
+static void measure(const batch_row *row, batch_state *b, progress *shown)
 {
     double reference[ROUND_COUNT], times[ROUND_COUNT], ratio;
     const envsamp_kd *kd = b->tables[row->table];
@@ -142,11 +146,11 @@ static void measure(const batch_row *row, batch_state *b)
         }
     }
     ratio = median_ratio(reference, times);
-    printf("%-16s %8.2f   %-18s %8.1f %8.1f", row->name, median(times), row->reference_name,
-           median(reference), ratio);
-    if (row->promised > NOTHING)
-        printf("   >= %g  %s", row->promised, ratio >= row->promised ? "kept" : "MISSED");
-    printf("\n");
+    progress_end(shown);
+    printf("%-16s %8.2f   %-18s %8.1f %8.1f%s\n", row->name, median(times), row->reference_name,
+           median(reference), ratio, row->promised > NOTHING
+                                         ? promise(">=", row->promised, ratio >= row->promised)
+                                         : "");
     fflush(stdout);
 }
 
@@ -226,6 +230,7 @@ static void tear_down(batch_state *b)
 static void run(int argc, char **argv)
 {
     static batch_state state;
+    progress shown;
     size_t i;
 
     set_up(argc, argv, &state);
@@ -234,10 +239,13 @@ static void run(int argc, char **argv)
            state.input.map.width, state.input.map.height, state.input.options.block_count);
     printf("rounds    %d of %u operations, in batches of %d, median\n\n", ROUND_COUNT,
            SLICE_COUNT, BATCH_COUNT);
-    printf("%-16s %8s   %-18s %8s %8s   %s\n", "Many at a time", "ns", "one at a time", "ns",
-           "ratio", "promised");
-    for (i = 0; i < sizeof rows / sizeof rows[0]; i++)
-        measure(&rows[i], &state);
+    printf("%-16s %8s   %-18s %8s %8s%s\n", "Many at a time", "ns", "one at a time", "ns",
+           "ratio", promise_heading());
+    shown = progress_start("bench_batch");
+    for (i = 0; i < COUNT; i++) {
+        progress_show(&shown, (double)i / COUNT, rows[i].name);
+        measure(&rows[i], &state, &shown);
+    }
     printf("\nchecksum %.9g\n", state.checksum);
     tear_down(&state);
 }

@@ -212,7 +212,7 @@ static void print_all(int count)
 
 int main(void)
 {
-    const map_set set = map_set_find();
+    map_set set = map_set_find("builds");
     image map;
     int i;
 
@@ -229,6 +229,7 @@ int main(void)
         time_map(&map, i);
         image_free(&map);
     }
+    map_set_done(&set);
     print_all(set.count);
     return 0;
 }

@@ -11,6 +11,7 @@
 #include "../envsamp.h"
 
 #define ROUND_COUNT 1001            /* groups */
+#include "../examples/common/progress.h"
 #include "baselines.h"
 #include "input.h"
 #include "timing.h"
@@ -196,18 +197,21 @@ static void measure(const bench_input *input)
 {
     static double empty[ROUND_COUNT];
     char *other = aligned_memory(EVICT_BYTES);
+    progress shown = progress_start("cold");
     double nothing;
     int round, kind;
     size_t i;
 
     memset(other, 1, EVICT_BYTES);
     for (round = 0; round < ROUND_COUNT; round++) {
+        progress_show(&shown, (double)round / ROUND_COUNT, "rounds");
         empty[round] = time_group(no_calls, NULL, input, SAMPLE, round, other);
         for (i = 0; i < ROWS; i++)
             for (kind = SAMPLE; kind < KINDS; kind++)
                 rows[i].times[kind][round] = time_group(function_of(&rows[i], kind),
                                                         rows[i].table, input, kind, round, other);
     }
+    progress_end(&shown);
     nothing = median(empty);
     for (i = 0; i < ROWS; i++)
         for (kind = SAMPLE; kind < KINDS; kind++)

@@ -19,6 +19,7 @@
 #include "baselines.h"
 #include "input.h"
 #include "map_set.h"
+#include "promise.h"
 
 #define ROUND_COUNT 15
 #include "timing.h"
@@ -48,7 +49,7 @@ typedef double errors[VIEWS][NUMBERS][COUNTS][WAYS];
 typedef struct subject {
     image map;
     envsamp_image view;
-    kd_fixture table;
+    bench_table table;
     irradiance exact[VIEWS];
 } subject;
 
@@ -91,8 +92,8 @@ static void make_exact(subject *s)
 {
     const int split = 1 + (IRRADIANCE_ROWS - 1) / s->map.height;
     const int columns = s->map.width * split, rows = s->map.height * split;
-    float *across = kd_allocate((size_t)columns * IRRADIANCE_NORMALS * sizeof *across);
-    float *light = kd_allocate((size_t)columns * VIEWS * sizeof *light);
+    float *across = bench_allocate((size_t)columns * IRRADIANCE_NORMALS * sizeof *across);
+    float *light = bench_allocate((size_t)columns * VIEWS * sizeof *light);
     int view, x, y;
 
     for (view = 0; view < VIEWS; view++) {
@@ -240,25 +241,22 @@ static envsamp_kd_desc facing_desc(int facing, int block_count)
 }
 
 /* Least times of a build with and without, in ns, the tables of which stay. */
-static void time_builds(const image *map, int block_count, int rounds, kd_fixture tables[2],
+static void time_builds(const image *map, int block_count, int rounds, bench_table tables[2],
                         double ns[2])
 {
-    const envsamp_image view = kd_image(map->rgb, map->width, map->height, 3);
+    const envsamp_image view = bench_view(map);
     int round, with;
 
     for (round = 0; round < rounds; round++)
         for (with = 0; with < 2; with++) {
-            kd_fixture *f = &tables[with];
+            bench_table *f = &tables[with];
+            const envsamp_kd_desc desc = facing_desc(with, block_count);
             double start;
 
-            if (!round) {
-                const envsamp_kd_desc desc = facing_desc(with, block_count);
-
-                if (!kd_fixture_build(f, &view, &desc))
-                    input_fail("build", envsamp_result_string(f->result));
-            }
+            if (!round && !bench_table_build(f, &view, &desc))
+                input_fail("build", envsamp_result_string(f->result));
             start = cpu_ns();
-            envsamp_kd_build(&view, &f->desc, f->table.buffer, f->scratch.buffer, &f->kd);
+            envsamp_kd_build(&view, &desc, f->memory, f->scratch, &f->kd);
             start = cpu_ns() - start;
             ns[with] = round && ns[with] < start ? ns[with] : start;
         }
@@ -404,14 +402,13 @@ static void print_errors(errors *all, int maps)
             }
 }
 
-static void print_promise(const char *name, double ratio, double promised)
+static void print_ratio(const char *name, double ratio, double promised)
 {
-    printf("%-56s %6.3f   <= %-5g %s\n", name, ratio, promised,
-           ratio <= promised ? "kept" : "MISSED");
+    printf("%-56s %6.3f%s\n", name, ratio, promise("<=", promised, ratio <= promised));
 }
 
 /* The worst row of the table, and on how many maps facing is behind. */
-static void print_error_promises(errors *all, int maps)
+static void print_error_ratios(errors *all, int maps)
 {
     double worst = 0.0;
     int view, numbers, m, i, behind = 0;
@@ -428,18 +425,18 @@ static void print_error_promises(errors *all, int maps)
                 }
             }
     printf("\n");
-    print_promise("facing / light only, 16 Owen-Sobol points",
+    print_ratio("facing / light only, 16 Owen-Sobol points",
                   mean_of(all, maps, OPEN, SOBOL, 0, FACING)
                   / mean_of(all, maps, OPEN, SOBOL, 0, LIGHT), 0.30);
-    print_promise("facing / light only, 64", mean_of(all, maps, OPEN, SOBOL, 1, FACING)
+    print_ratio("facing / light only, 64", mean_of(all, maps, OPEN, SOBOL, 1, FACING)
                                              / mean_of(all, maps, OPEN, SOBOL, 1, LIGHT), 0.35);
-    print_promise("facing / MIS light + cosine, the worst row", worst, 1.0);
+    print_ratio("facing / MIS light + cosine, the worst row", worst, 1.0);
     printf("behind the best of light only and MIS in %d of %d rows of single maps\n\n", behind,
            maps * VIEWS * NUMBERS * COUNTS);
 }
 
 static void print_times(const double ns[OPERATIONS], const double build[2],
-                        const kd_fixture tables[2])
+                        const bench_table tables[2])
 {
     const double bytes = (double)envsamp_kd_bytes(tables[1].kd);
     int what;
@@ -449,18 +446,18 @@ static void print_times(const double ns[OPERATIONS], const double build[2],
     printf("%-36s %8.2f ms, without %.2f\n", "build with facing", 1e-6 * build[1], 1e-6 * build[0]);
     printf("%-36s %8.0f bytes, without %.0f\n\n", "table with facing", bytes,
            (double)envsamp_kd_bytes(tables[0].kd));
-    print_promise("sample_facing / sample", ns[SAMPLE_FACING] / ns[SAMPLE], 4.0);
-    print_promise("sample_facing / inversion", ns[SAMPLE_FACING] / ns[INVERSION], 1.0);
-    print_promise("sample_facing_n / sample", ns[SAMPLE_FACING_N] / ns[SAMPLE], 2.5);
-    print_promise("pdf_facing / pdf", ns[PDF_FACING] / ns[PDF], 3.0);
-    print_promise("build, with / without", build[1] / build[0], 1.1);
-    print_promise("table, KiB", bytes / 1024.0, 330.0);
+    print_ratio("sample_facing / sample", ns[SAMPLE_FACING] / ns[SAMPLE], 4.0);
+    print_ratio("sample_facing / inversion", ns[SAMPLE_FACING] / ns[INVERSION], 1.0);
+    print_ratio("sample_facing_n / sample", ns[SAMPLE_FACING_N] / ns[SAMPLE], 2.5);
+    print_ratio("pdf_facing / pdf", ns[PDF_FACING] / ns[PDF], 3.0);
+    print_ratio("build, with / without", build[1] / build[0], 1.1);
+    print_ratio("table, KiB", bytes / 1024.0, 330.0);
 }
 
 static void report_times(const bench_input *input)
 {
     static timed t;
-    kd_fixture tables[2];
+    bench_table tables[2];
     irradiance e;
     double ns[OPERATIONS], build[2];
 
@@ -470,45 +467,45 @@ static void report_times(const bench_input *input)
     t.kd = tables[1].kd;
     if (!baseline_cdf_create(input->map.rgb, input->map.width, input->map.height, &t.cdf))
         input_fail("inversion", "out of memory");
-    fprintf(stderr, "times\n");
     time_operations(&t, input, ns);
     printf("Times: %s, %d x %d, CPU time, the least of %d rounds; normals change with every call,\n"
            "of _n with every %d or %d\n\n", input->options.map_path, input->map.width,
            input->map.height, ROUND_COUNT, BATCH, SMALL_BATCH);
     print_times(ns, build, tables);
     baseline_cdf_destroy(&t.cdf);
-    kd_fixture_free(&tables[0]);
-    kd_fixture_free(&tables[1]);
+    bench_table_free(&tables[0]);
+    bench_table_free(&tables[1]);
 }
 
 static void report_errors(void)
 {
     static errors all[MAP_SET_MAX];
     static subject s;
-    const map_set set = map_set_find();
+    map_set set = map_set_find("facing");
     double log_build = 0.0, build[2];
-    kd_fixture tables[2];
+    bench_table tables[2];
     int i;
 
     for (i = 0; i < set.count; i++) {
         if (!map_set_load(&set, i, &s.map))
             exit(EXIT_FAILURE);
         image_clean(&s.map);
-        s.view = kd_image(s.map.rgb, s.map.width, s.map.height, 3);
+        s.view = bench_view(&s.map);
         time_builds(&s.map, 0, 3, tables, build);
         log_build += log(build[1] / build[0]) / set.count;
         s.table = tables[1];
         make_exact(&s);
         measure_map(&s, all[i]);
-        kd_fixture_free(&tables[0]);
-        kd_fixture_free(&tables[1]);
+        bench_table_free(&tables[0]);
+        bench_table_free(&tables[1]);
         image_free(&s.map);
     }
+    map_set_done(&set);
     printf("RMS relative error of irradiance of 64 normals, geometric mean of %d %s maps, 6144\n"
            "blocks, bilinear\n\n", set.count, map_set_kind(&set));
     print_errors(all, set.count);
-    print_error_promises(all, set.count);
-    print_promise("build of these maps, with / without", exp(log_build), 1.1);
+    print_error_ratios(all, set.count);
+    print_ratio("build of these maps, with / without", exp(log_build), 1.1);
     printf("\n");
     fflush(stdout);
 }

@@ -29,6 +29,7 @@
 
 #include "../examples/common/folder.h"
 #include "../examples/common/maps.h"
+#include "../examples/common/progress.h"
 
 #define SCENE_GLOSS 8.0f
 #define SCENE_SPHERES                                                                       \
@@ -50,6 +51,7 @@
 #define COUNTS 3
 #define MIDDLE 1                     /* the count that is timed */
 #define ROUNDS 5                     /* of which the fastest counts */
+#define WORK 2700.0                  /* samples a point of all that is shaded, about */
 #define ROWS 2                       /* of the picture: as many of the counts */
 #define ROW_HEIGHT (SCENE_HEIGHT + SCENE_LABEL)
 #define SLOW_RAY 500.0               /* ns, of a shadow ray through a scene of many triangles */
@@ -84,6 +86,8 @@ typedef struct trial {
     lit lit[PIXELS];
     mis_panel panels[NUMBERS][COUNTS][WAYS], equal;
     double ns[NUMBERS][WAYS], rays[WAYS];       /* of a sample */
+    progress shown;
+    double done;                     /* samples a point */
 } trial;
 
 static int fail(const char *subject, const char *what)
@@ -217,18 +221,20 @@ static void find_points(trial *t)
 }
 
 /* Returns the rays of a sample. */
-static double shade(const trial *t, int by, int numbers, uint32_t count, uint32_t run,
+static double shade(trial *t, int by, int numbers, uint32_t count, uint32_t run,
                     mis_panel *panel)
 {
     double rays = 0.0;
     int i;
 
+    progress_show(&t->shown, fmin(t->done / WORK, 0.99), ways[by].name);
     for (i = 0; i < t->lit_count; i++) {
         const int pixel = t->lit[i].pixel;
 
         rays += light_point(t, &ways[by], &t->lit[i], numbers, count,
                             hash_combine(run, (uint32_t)pixel), panel->rgb + 3 * pixel);
     }
+    t->done += count;
     panel->rmse = mis_rmse(panel, &t->scene.panels[MIS_REFERENCE]);
     return rays / ((double)t->lit_count * count);
 }
@@ -342,6 +348,7 @@ static void print_equal_time(trial *t, int numbers, double ray_ns)
         rmse[by] = t->equal.rmse;
         printf("%6u%8.4f", (unsigned)whole, rmse[by]);
     }
+    progress_end(&t->shown);
     best = fmin(rmse[LIGHT], rmse[LIGHT_MIS]);
     printf("%8.2f%6.2f\n", rmse[FACING] / best, rmse[FACING_MIS] / best);
 }
@@ -431,10 +438,13 @@ static int do_map(trial *t)
     t->scene.plain = mis_light_of_kd(t->kd);
     mis_turn_map(&t->scene);
     find_points(t);
+    t->shown = progress_start("facing");
+    t->done = 0.0;
     shade_all(t);
     if (!(mean_ratio(t, &t->scene.panels[MIS_REFERENCE]) > 0.0))
         return fail(t->name, "has no light above the horizon");
     time_all(t);
+    progress_end(&t->shown);
     print_errors(t);
     if (!t->quick)
         print_equal_times(t);

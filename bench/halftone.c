@@ -74,8 +74,8 @@ static void make_importance(subject *s)
     const size_t stride = (size_t)width + 1;
     int x, y;
 
-    s->importance = kd_allocate((size_t)width * (size_t)height * sizeof(float));
-    s->below = kd_allocate(stride * ((size_t)height + 1) * sizeof(double));
+    s->importance = bench_allocate((size_t)width * (size_t)height * sizeof(float));
+    s->below = bench_allocate(stride * ((size_t)height + 1) * sizeof(double));
     for (y = 0; y < height; y++)
         for (x = 0; x < width; x++) {
             const size_t texel = (size_t)y * (size_t)width + (size_t)x;
@@ -115,11 +115,11 @@ static void make_rectangles(subject *s)
 static int subject_make(subject *s)
 {
     image_clean(&s->map);
-    s->view = kd_image(s->map.rgb, s->map.width, s->map.height, 3);
+    s->view = bench_view(&s->map);
     make_importance(s);
     make_rectangles(s);
     s->scratch.bytes = (size_t)1 << 20;
-    s->scratch.data = kd_allocate(s->scratch.bytes);
+    s->scratch.data = bench_allocate(s->scratch.bytes);
     return irradiance_make(&s->exact, &s->map)
         && baseline_cdf_create(s->map.rgb, s->map.width, s->map.height, &s->cdf);
 }
@@ -451,7 +451,6 @@ static long wrong_counts(subject *s, long *runs)
 
 static void count_map(subject *s, const char *name, long *runs, long *wrong)
 {
-    fprintf(stderr, "counts: %s\n", name);
     if (!subject_make(s)) {
         printf("%s: not enough memory\n", name);
         exit(EXIT_FAILURE);
@@ -460,17 +459,19 @@ static void count_map(subject *s, const char *name, long *runs, long *wrong)
     subject_free(s);
 }
 
-static void print_counts(const map_set *set, subject *s)
+static void print_counts(map_set *set, subject *s)
 {
     long runs = 0, wrong = 0;
     int i;
 
+    set->shown = progress_start("halftone, counts");
     for (i = 0; i < set->count && set->real; i++)
         if (map_set_load(set, i, &s->map))
             count_map(s, map_set_name(set, i), &runs, &wrong);
     for (i = 0; map_names[i]; i++)
         if (map_make(map_names[i], 512, 256, &s->map))
             count_map(s, map_names[i], &runs, &wrong);
+    map_set_done(set);
     printf("\nCounts: all M from 1 to %d, every kernel, %d real and %d made-up maps; every 64th M "
            "also with\nrepeat and texel by texel: %ld of %ld halftones have not M samples\n",
            M_MAX, set->real ? set->count : 0, i, wrong, runs);
@@ -506,8 +507,8 @@ static void print_times(subject *s)
 
     if (!map_make("studio", 1024, 512, &s->map) || !subject_make(s))
         return;
-    row_weights = kd_allocate((size_t)s->map.height * sizeof *row_weights);
-    importance = kd_allocate((size_t)s->map.width * (size_t)s->map.height * sizeof *importance);
+    row_weights = bench_allocate((size_t)s->map.height * sizeof *row_weights);
+    importance = bench_allocate((size_t)s->map.width * (size_t)s->map.height * sizeof *importance);
     baseline_row_weights(s->map.width, s->map.height, row_weights);
     for (round = 0; round < ROUND_COUNT; round++)
         for (i = 0; i < TIMED; i++) {
@@ -531,7 +532,7 @@ int main(int argc, char **argv)
 {
     static subject s;
     static errors all[MAP_SET_MAX][ROWS];
-    const map_set set = map_set_find();
+    map_set set = map_set_find("halftone");
     double share[MAP_SET_MAX];
     int i, row;
 
@@ -547,6 +548,7 @@ int main(int argc, char **argv)
             all[i][row] = measure(&s, row, i);
         subject_free(&s);
     }
+    map_set_done(&set);
     print_cpu();
     print_compiler(BENCH_FLAGS);
     printf("%d maps: %s\n", set.count, map_set_kind(&set));

@@ -56,8 +56,8 @@ static void *build(const envsamp_image *view, int facing, float amount, float ex
     desc.importance_exponent = exponent;
     if (envsamp_kd_sizes(view, &desc, &sizes) != ENVSAMP_OK)
         fail("sizes");
-    table.data = kd_allocate(table.bytes = sizes.table_bytes);
-    scratch.data = kd_allocate(scratch.bytes = sizes.scratch_bytes);
+    table.data = bench_allocate(table.bytes = sizes.table_bytes);
+    scratch.data = bench_allocate(scratch.bytes = sizes.scratch_bytes);
     if (envsamp_kd_build(view, &desc, table, scratch, kd) != ENVSAMP_OK)
         fail("a build");
     free(scratch.data);
@@ -142,7 +142,7 @@ static void measure(const envsamp_kd *kd, int facing, int amount, int exponent, 
 
 static void measure_map(const image *map, int index)
 {
-    const envsamp_image view = kd_image(map->rgb, map->width, map->height, 3);
+    const envsamp_image view = bench_view(map);
     int facing, amount, exponent;
     const envsamp_kd *kd;
     void *memory;
@@ -197,7 +197,7 @@ static void print_table(int surface, int count)
 
 int main(void)
 {
-    const map_set set = map_set_find();
+    map_set set = map_set_find("importance");
     int i, surface;
     image map;
 
@@ -210,6 +210,7 @@ int main(void)
         measure_map(&map, i);
         image_free(&map);
     }
+    map_set_done(&set);
     for (surface = 0; surface < SURFACES; surface++)
         print_table(surface, set.count);
     return 0;

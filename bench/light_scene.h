@@ -2,7 +2,7 @@
  *
  *     static scene view;
  *     scene_make(&view);
- *     beams = kd_allocate(width * height * sizeof *beams);
+ *     beams = bench_allocate(width * height * sizeof *beams);
  *     shade(&view, beams, map_beams(&map, beams), reference);
  *     shade(&view, few, light_beams(lights, 32, few), shown);
  *     printf("%g\n", relative_rmse(&view, shown, reference));

@@ -70,7 +70,7 @@ typedef struct results {
 static void make_lights(const image *map, int method, int count, uint32_t seed,
                         envsamp_light *lights)
 {
-    const envsamp_image view = kd_image(map->rgb, map->width, map->height, 3);
+    const envsamp_image view = bench_view(map);
     envsamp_lights_desc desc = envsamp_lights_defaults();
     envsamp_buffer scratch;
     envsamp_sizes sizes;
@@ -81,7 +81,7 @@ static void make_lights(const image *map, int method, int count, uint32_t seed,
     desc.seed = seed;
     envsamp_lights_sizes(&view, &desc, &sizes);
     scratch.bytes = sizes.scratch_bytes;
-    scratch.data = kd_allocate(scratch.bytes);
+    scratch.data = bench_allocate(scratch.bytes);
     result = envsamp_lights(&view, &desc, lights, count, scratch, NULL);
     free(scratch.data);
     if (result != ENVSAMP_OK) {
@@ -446,7 +446,7 @@ static void measure_map_sets(const image *map, const scene *view, results *all,
                              int map_count)
 {
     static float right[COLUMNS * ROWS];
-    beam *beams = kd_allocate((size_t)map->width * (size_t)map->height * sizeof *beams);
+    beam *beams = bench_allocate((size_t)map->width * (size_t)map->height * sizeof *beams);
     envsamp_light lights[SET_LIGHTS];
     int m;
 
@@ -580,7 +580,7 @@ int main(void)
 {
     static scene view;
     static results all;
-    const map_set set = map_set_find();
+    map_set set = map_set_find("light_sets");
     int i;
 
     scene_make(&view);
@@ -595,6 +595,7 @@ int main(void)
         measure_map_sets(&map, &view, &all, set.count);
         image_free(&map);
     }
+    map_set_done(&set);
     print_lobes(&set, &all);
     print_stability(&set, &all);
     print_sets(&set, &all);

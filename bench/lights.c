@@ -67,12 +67,12 @@ typedef struct subject {
 static void subject_make(subject *s, const scene *view)
 {
     image_clean(&s->map);
-    s->view = kd_image(s->map.rgb, s->map.width, s->map.height, 3);
+    s->view = bench_view(&s->map);
     s->scratch.bytes = (size_t)16 << 20;
-    s->scratch.data = kd_allocate(s->scratch.bytes);
-    s->all = kd_allocate((size_t)s->map.width * (size_t)s->map.height * sizeof *s->all);
-    s->shown = kd_allocate((size_t)view->count * sizeof *s->shown);
-    s->reference = kd_allocate((size_t)view->count * sizeof *s->reference);
+    s->scratch.data = bench_allocate(s->scratch.bytes);
+    s->all = bench_allocate((size_t)s->map.width * (size_t)s->map.height * sizeof *s->all);
+    s->shown = bench_allocate((size_t)view->count * sizeof *s->shown);
+    s->reference = bench_allocate((size_t)view->count * sizeof *s->reference);
     shade(view, s->all, map_beams(&s->map, s->all), s->reference);
 }
 
@@ -175,8 +175,8 @@ static void print_times(subject *s, const scene *view)
     if (!map_make("studio", 1024, 512, &s->map))
         return;
     subject_make(s, view);
-    row_weights = kd_allocate((size_t)s->map.height * sizeof *row_weights);
-    importance = kd_allocate((size_t)s->map.width * (size_t)s->map.height * sizeof *importance);
+    row_weights = bench_allocate((size_t)s->map.height * sizeof *row_weights);
+    importance = bench_allocate((size_t)s->map.width * (size_t)s->map.height * sizeof *importance);
     baseline_row_weights(s->map.width, s->map.height, row_weights);
     for (round = 0; round < ROUND_COUNT; round++)
         for (m = 0; m <= METHODS; m++) {
@@ -209,7 +209,7 @@ int main(void)
     static scene view;
     static subject s;
     static double all[MAP_SET_MAX][WAYS][K_COUNT];
-    const map_set set = map_set_find();
+    map_set set = map_set_find("scene");
     int i, m, k;
 
     scene_make(&view);
@@ -222,6 +222,7 @@ int main(void)
                 all[i][m][k] = measure(&view, &s, m, counts[k]);
         subject_free(&s);
     }
+    map_set_done(&set);
     print_cpu();
     print_compiler(BENCH_FLAGS);
     print_means(&set, all);

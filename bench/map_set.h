@@ -1,27 +1,36 @@
 /* map_set.h: the maps that figures are made from: the real ones that `make data` fetches, or,
  * where one of them is missing, made-up ones of the same size.
  *
- * Include it after the implementation of envsamp.h.
+ * Include it after envsamp.h.
  */
 #ifndef MAP_SET_H
 #define MAP_SET_H
 
 #include "../examples/common/maps.h"
-#include "../tests/kd_reference.h"
+#include "../examples/common/progress.h"
+#include "../examples/common/real_maps.h"
+#include "table.h"
 
-#define MAP_SET_MAX REFERENCE_REAL_COUNT
+#define MAP_SET_MAX REAL_MAP_COUNT
 #define MAP_SET_MADE_COUNT 4
 
-typedef struct map_set { int count, real; } map_set;
+typedef struct map_set {
+    int count, real;
+    progress shown;             /* by map_set_load */
+} map_set;
 
-static inline map_set map_set_find(void)
+/* `program` begins the lines that a log has of its progress. */
+static inline map_set map_set_find(const char *program)
 {
-    map_set set = { REFERENCE_REAL_COUNT, 1 };
+    map_set set;
     image map;
     int i;
 
-    for (i = 0; i < REFERENCE_REAL_COUNT && set.real; i++)
-        if (reference_real_map(i, &map)) {
+    set.count = REAL_MAP_COUNT;
+    set.real = 1;
+    set.shown = progress_start(program);
+    for (i = 0; i < REAL_MAP_COUNT && set.real; i++)
+        if (real_map_read(i, &map)) {
             image_free(&map);
         } else {
             set.count = MAP_SET_MADE_COUNT;
@@ -34,19 +43,25 @@ static inline const char *map_set_name(const map_set *set, int index)
 {
     static const char *const made[MAP_SET_MADE_COUNT] = { "sky", "studio", "night", "foliage" };
 
-    return set->real ? reference_real_name(index) : made[index];
+    return set->real ? real_map_name(index) : made[index];
 }
 
-/* Says which map comes next, on stderr; 0 where it cannot be made or read. */
-static inline int map_set_load(const map_set *set, int index, image *map)
+/* Shows how many maps are done, in one pass over them; 0 where one cannot be made or read. */
+static inline int map_set_load(map_set *set, int index, image *map)
 {
     const char *name = map_set_name(set, index);
 
-    fprintf(stderr, "%s\n", name);
-    if (set->real ? reference_real_map(index, map) : map_make(name, 512, 256, map))
+    progress_show(&set->shown, (double)index / set->count, name);
+    if (set->real ? real_map_read(index, map) : map_make(name, 512, 256, map))
         return 1;
     fprintf(stderr, "%s: cannot be made or read\n", name);
     return 0;
+}
+
+/* After the last map, before anything is printed. */
+static inline void map_set_done(map_set *set)
+{
+    progress_end(&set->shown);
 }
 
 static inline const char *map_set_kind(const map_set *set)

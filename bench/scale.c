@@ -16,8 +16,10 @@
 #include "../envsamp.h"
 
 #define ROUND_COUNT 9
+#include "../examples/common/progress.h"
 #include "../examples/common/random.h"
 #include "input.h"
+#include "promise.h"
 #include "timing.h"
 
 #include <sys/resource.h>
@@ -26,6 +28,7 @@
 
 #define BASE_WIDTH   2048           /* the size that others are compared with */
 #define BASE_HEIGHT  1024
+#define STEP_WORK    60.0           /* of a build in steps, in builds of the least width */
 #define SIZE_COUNT   5              /* each twice as wide as the one before */
 #define NOISE_COUNT  32768          /* where the noise of a row may begin */
 #define FOUR_PI      12.566370614359172954
@@ -52,6 +55,8 @@ typedef struct scale_state {
     bench_input input;
     float *base, *noise;
     int huge;
+    progress shown;
+    double done, work;
 } scale_state;
 
 /* A build: of which sampler, and its memory. */
@@ -206,9 +211,28 @@ static double median_of(double *values, int count)
     return 0.5 * (values[(count - 1) / 2] + values[count / 2]);
 }
 
-static void progress(const char *phase, int width)
+/* Shows the work that is done, in builds of a map of the least width, and adds some. */
+static void show(scale_state *scale, const char *what, double builds)
 {
-    fprintf(stderr, "scale: %s, %d x %d\n", phase, width, width / 2);
+    progress_show(&scale->shown, scale->done / scale->work, what);
+    scale->done += builds;
+}
+
+/* Builds of all sizes take `rounds` times what one of the least width does, times their texels. */
+static double size_work(int size)
+{
+    return (double)(1 << (2 * size));
+}
+
+static double all_work(void)
+{
+    double work = 3.0 * STEP_WORK;
+    int size;
+
+    for (size = 0; size < SIZE_COUNT; size++)
+        work += (round_counts[size] + 1.0 + 2.0) * size_work(size)
+              + (size <= promised_size ? size_work(size) : 0.0);
+    return work;
 }
 
 /* Bytes that can be had without swapping, or a negative number where nobody tells. */
@@ -388,7 +412,7 @@ static void time_rounds(const scale_state *scale, build *small, build *large, in
     }
 }
 
-static void print_times(const scale_state *scale)
+static void print_times(scale_state *scale)
 {
     envsamp_image map = image_of_rows(BASE_WIDTH);
     build small = warp_build(scale), large = warp_build(scale);
@@ -399,14 +423,14 @@ static void print_times(const scale_state *scale)
            "in all, of the rows alone, and of the rest (net); relative to %d x %d, built\n"
            "before and after each. WARP, %d blocks, bilinear.\n\n",
            BASE_WIDTH, BASE_HEIGHT, small.kd_desc.block_count);
-    printf("%-16s %7s %9s %9s %9s %9s %9s   %s\n", "", "rounds", "build ns", "ratio", "rows ns",
-           "net ns", "net ratio", "promised");
+    printf("%-16s %7s %9s %9s %9s %9s %9s%s\n", "", "rounds", "build ns", "ratio", "rows ns",
+           "net ns", "net ratio", promise_heading());
     if (!build_allocate(&small, &map))
         input_fail(small.name, "out of memory");
     build_touch(&small);
     for (size = 0; size < SIZE_COUNT; size++) {
         map = image_of_rows(BASE_WIDTH << size);
-        progress("time of builds", map.width);
+        show(scale, "time of builds", (round_counts[size] + 1.0) * size_work(size));
         printf("%5d x %-8d", map.width, map.height);
         if (!memory_permits(scale, &large, &map) || !build_allocate(&large, &map)) {
             printf(" skipped: memory\n");
@@ -415,12 +439,11 @@ static void print_times(const scale_state *scale)
         build_touch(&large);
         time_rounds(scale, &small, &large, size, time, ratio);
         build_release(&large);
+        progress_end(&scale->shown);
         printf(" %7d %9.2f %9.2f %9.2f %9.2f %9.2f", round_counts[size], time[WHOLE],
                ratio[WHOLE], time[ROWS], time[NET], ratio[NET]);
-        if (size == promised_size)
-            printf("   <= %g  %s", PROMISED_RATIO,
-                   ratio[NET] <= PROMISED_RATIO ? "kept" : "MISSED");
-        printf("\n");
+        printf("%s\n", size != promised_size ? ""
+                       : promise("<=", PROMISED_RATIO, ratio[NET] <= PROMISED_RATIO));
         fflush(stdout);
     }
     build_release(&small);
@@ -471,7 +494,7 @@ static int measure_memory(build *b, const scale_state *scale, int size, memory_u
     return complete;
 }
 
-static void print_memory(const scale_state *scale)
+static void print_memory(scale_state *scale)
 {
     build b = warp_build(scale);
     memory_use use;
@@ -479,14 +502,14 @@ static void print_memory(const scale_state *scale)
 
     printf("\nMemory of the same builds: what is asked for, and by how much the largest resident\n"
            "memory of the process grows.\n\n");
-    printf("%-16s %12s %12s %12s %12s   %s\n", "", "scratch MB", "B a texel", "peak MB",
-           "table kB", "promised");
+    printf("%-16s %12s %12s %12s %12s%s\n", "", "scratch MB", "B a texel", "peak MB",
+           "table kB", promise_heading());
     for (size = 0; size < SIZE_COUNT; size++) {
         envsamp_image map = image_of_rows(BASE_WIDTH << size);
         double each;
         int fits;
 
-        progress("memory of a build", map.width);
+        show(scale, "memory of a build", size_work(size));
         fits = memory_permits(scale, &b, &map);
         each = (double)b.sizes.scratch_bytes / texels_of(&map);
         printf("%5d x %-8d %12.1f %12.2f", map.width, map.height,
@@ -495,37 +518,37 @@ static void print_memory(const scale_state *scale)
             printf(" %12.1f %12.1f", use.peak * 1e-6, use.table * 1e-3);
         else
             printf(" %12s %12s", fits ? "failed" : "skipped", fits ? "-" : "memory");
-        printf("   <= %g  %s\n", PROMISED_SCRATCH, each <= PROMISED_SCRATCH ? "kept" : "MISSED");
+        progress_end(&scale->shown);
+        printf("%s\n", promise("<=", PROMISED_SCRATCH, each <= PROMISED_SCRATCH));
         fflush(stdout);
     }
 }
 
 /* ---- 3: the integral of a constant map ---- */
 
-static void print_integral(const scale_state *scale, build b, int width)
+static void print_integral(scale_state *scale, build b, int width)
 {
     envsamp_image map = image_of_rows(width);
     double error;
 
-    progress(b.name, width);
+    show(scale, b.name, (double)width * width / BASE_WIDTH / BASE_WIDTH);
     if (!memory_permits(scale, &b, &map) || !build_allocate(&b, &map)) {
         printf(" %17s", "skipped: memory");
         return;
     }
     build_by_rows(&b, &map, constant_row, &width);
     error = built_integral(&b) / FOUR_PI - 1.0;
-    printf(" %10.1e %6s", error,
-           -PROMISED_ERROR <= error && error <= PROMISED_ERROR ? "kept" : "MISSED");
+    printf(" %10.1e%s", error,
+           promise("+-", PROMISED_ERROR, -PROMISED_ERROR <= error && error <= PROMISED_ERROR));
     build_release(&b);
 }
 
-static void print_integrals(const scale_state *scale)
+static void print_integrals(scale_state *scale)
 {
     int size;
 
-    printf("\nThe integral of a constant map, relative to 4 pi, less 1; promised: within %g.\n\n",
-           PROMISED_ERROR);
-    printf("%-16s %10s %6s %10s\n", "", "kd", "", "cdf");
+    printf("\nThe integral of a constant map, relative to 4 pi, less 1.\n\n");
+    printf("%-16s %10s %*s\n", "", "kd", promises_shown() ? 27 : 10, "cdf");
     for (size = 0; size < SIZE_COUNT; size++) {
         int width = BASE_WIDTH << size;
 
@@ -535,6 +558,7 @@ static void print_integrals(const scale_state *scale)
             print_integral(scale, build_make("cdf", 1, ENVSAMP_KD_WARP, 0), width);
         else
             printf(" %10s", "-");
+        progress_end(&scale->shown);
         printf("\n");
         fflush(stdout);
     }
@@ -662,15 +686,15 @@ static void print_stepped(const char *name, int items, const stepped *s)
         printf(" %9s", "finish");
     else
         printf(" %9d", s->longest_at);
-    printf(" %12.2f %8.3f   %s\n", s->one_call, s->total,
-           keeps_promise(s) ? "within" : "beyond");
+    printf(" %12.2f %8.3f%s\n", s->one_call, s->total,
+           !promises_shown() ? "" : keeps_promise(s) ? "   within" : "   beyond");
 }
 
-static void print_build_in_steps(build b, const envsamp_image *map)
+static void print_build_in_steps(scale_state *scale, build b, const envsamp_image *map)
 {
     int i, kept = 0;
 
-    progress(b.name, map->width);
+    show(scale, b.name, STEP_WORK);
     if (!build_allocate(&b, map))
         input_fail(b.name, "out of memory");
     build_touch(&b);
@@ -680,19 +704,22 @@ static void print_build_in_steps(build b, const envsamp_image *map)
         check_same_table(&b, map, item_counts[i]);
         find_longest(&b, map, item_counts[i], &s);
         time_totals(&b, map, item_counts[i], &s);
+        progress_end(&scale->shown);
         print_stepped(i ? "" : b.name, item_counts[i], &s);
         kept |= keeps_promise(&s) << i;
         fflush(stdout);
     }
+    build_release(&b);
+    if (!promises_shown())
+        return;
     printf("%-16s %s", "", kept ? "kept with" : "MISSED");
     for (i = 0; i < ITEMS; i++)
         if (kept >> i & 1)
             printf(" %d", item_counts[i]);
     printf("%s\n", kept ? " items a step" : "");
-    build_release(&b);
 }
 
-static void print_steps(const scale_state *scale)
+static void print_steps(scale_state *scale)
 {
     const image *given = &scale->input.map;
     envsamp_image map = image_of_rows(given->width);
@@ -703,14 +730,16 @@ static void print_steps(const scale_state *scale)
     map.channels = 3;
     printf("\nBuilds in steps, %d x %d RGB: the longest call, begin and finish included, where\n"
            "each counts with its least time in %d builds, and which step it is; a build in one\n"
-           "call, and one in steps relative to that; all CPU time.\n"
-           "Promised, with one of these numbers of items: longest <= %g ms, total <= %g.\n\n",
-           map.width, map.height, 2 * ROUND_COUNT, PROMISED_STEP, PROMISED_TOTAL);
+           "call, and one in steps relative to that; all CPU time.\n\n",
+           map.width, map.height, 2 * ROUND_COUNT);
+    if (promises_shown())
+        printf("Promised, with one of these numbers of items: longest <= %g ms, total <= %g.\n\n",
+               PROMISED_STEP, PROMISED_TOTAL);
     printf("%-16s %7s %8s %11s %9s %12s %8s\n", "", "items", "steps", "longest ms", "at step",
            "one call ms", "total");
-    print_build_in_steps(build_make("kd, WARP", 0, ENVSAMP_KD_WARP, blocks), &map);
-    print_build_in_steps(build_make("kd, ALIAS", 0, ENVSAMP_KD_ALIAS, blocks), &map);
-    print_build_in_steps(build_make("cdf", 1, ENVSAMP_KD_WARP, 0), &map);
+    print_build_in_steps(scale, build_make("kd, WARP", 0, ENVSAMP_KD_WARP, blocks), &map);
+    print_build_in_steps(scale, build_make("kd, ALIAS", 0, ENVSAMP_KD_ALIAS, blocks), &map);
+    print_build_in_steps(scale, build_make("cdf", 1, ENVSAMP_KD_WARP, 0), &map);
 }
 
 /* ---- the program ---- */
@@ -761,6 +790,8 @@ int main(int argc, char **argv)
            scale.input.map.height);
     fflush(stdout);
 
+    scale.shown = progress_start("scale");
+    scale.work = all_work();
     print_times(&scale);
     print_memory(&scale);
     print_integrals(&scale);

@@ -13,13 +13,16 @@
 #define ENVSAMP_IMPLEMENTATION
 #include HEADER
 
-#include "../tests/sampler.h"
+#include "../examples/common/progress.h"
+#include "../examples/common/random.h"
+#include "table.h"
 #define ROUND_COUNT 3
 #include "timing.h"
 
+#include <math.h>
 #include <stdio.h>
 
-enum { HALFTONE = SAMPLER_KINDS, LIGHTS, JOBS = LIGHTS + 6 };
+enum { CDF = 3, HALFTONE, LIGHTS, JOBS = LIGHTS + 6 };
 
 static const char *const names[JOBS] = {
     "WARP", "ALIAS", "FIT", "cdf", "halftone", "relaxed", "decomp.", "median", "variance",
@@ -43,7 +46,7 @@ static void fail(const char *what)
 
 static float *make_sky(int width, int height)
 {
-    float *pixels = (float *)kd_allocate((size_t)width * (size_t)height * sizeof *pixels);
+    float *pixels = (float *)bench_allocate((size_t)width * (size_t)height * sizeof *pixels);
     pcg32 random = pcg32_make(94, 0);
     int x, y;
 
@@ -65,7 +68,7 @@ static void run_lights(const envsamp_image *view, int method)
     if (envsamp_lights_sizes(view, &desc, &bytes) != ENVSAMP_OK)
         fail("sizes of lights");
     scratch.bytes = bytes.scratch_bytes;
-    scratch.data = kd_allocate(scratch.bytes);
+    scratch.data = bench_allocate(scratch.bytes);
     if (envsamp_lights(view, &desc, lights, 32, scratch, NULL) != ENVSAMP_OK)
         fail("lights");
     free(scratch.data);
@@ -84,42 +87,72 @@ static void run_halftone(const envsamp_image *view)
     if (envsamp_halftone_sizes(view->width, view->height, &desc, &bytes) != ENVSAMP_OK)
         fail("sizes of halftones");
     scratch.bytes = bytes.scratch_bytes;
-    scratch.data = kd_allocate(scratch.bytes);
+    scratch.data = bench_allocate(scratch.bytes);
     if (envsamp_halftone(view->pixels, view->width, view->height, 0, &desc, texels, 4096, &count,
                          scratch) != ENVSAMP_OK)
         fail("halftone");
     free(scratch.data);
 }
 
+/* Buffers of a kd table, by its number as in envsamp_kd_select, or of a cdf. */
+typedef struct builder { envsamp_buffer table, scratch; } builder;
+
+static builder builder_make(const envsamp_image *view, int job)
+{
+    envsamp_kd_desc desc = envsamp_kd_defaults();
+    envsamp_sizes bytes;
+    builder b;
+
+    desc.select = (envsamp_kd_select)job;
+    if ((job == CDF ? envsamp_cdf_sizes(view, NULL, &bytes)
+                    : envsamp_kd_sizes(view, &desc, &bytes)) != ENVSAMP_OK)
+        fail("sizes of tables");
+    b.table.data = bench_allocate(b.table.bytes = bytes.table_bytes);
+    b.scratch.data = bench_allocate(b.scratch.bytes = bytes.scratch_bytes);
+    return b;
+}
+
+static void run_build(const builder *b, const envsamp_image *view, int job)
+{
+    envsamp_kd_desc desc = envsamp_kd_defaults();
+    const envsamp_kd *kd;
+    const envsamp_cdf *cdf;
+
+    desc.select = (envsamp_kd_select)job;
+    if ((job == CDF ? envsamp_cdf_build(view, NULL, b->table, b->scratch, &cdf)
+                    : envsamp_kd_build(view, &desc, b->table, b->scratch, &kd)) != ENVSAMP_OK)
+        fail(names[job]);
+}
+
 /* Milliseconds without memory being got for the first time. */
 static double time_job(const envsamp_image *view, int job)
 {
-    double best = 1e30, start;
-    sampler_request request = sampler_ask(job, view, 6144);
-    sampler s;
+    builder b = {{NULL, 0}, {NULL, 0}};
+    double best = 1e30;
     int i;
 
-    request.bilinear = 1;
     if (job < HALFTONE)
-        sampler_prepare(&s, &request, 1);
+        b = builder_make(view, job);
     for (i = 0; i < 3; i++) {
-        start = seconds();
-        if (job < HALFTONE && sampler_build(&s) != ENVSAMP_OK)
-            fail(envsamp_result_string(s.result));
-        if (job == HALFTONE)
+        const double start = seconds();
+
+        if (job < HALFTONE)
+            run_build(&b, view, job);
+        else if (job == HALFTONE)
             run_halftone(view);
-        if (job >= LIGHTS)
+        else
             run_lights(view, job - LIGHTS);
         best = fmin(best, 1e3 * (seconds() - start));
     }
-    if (job < HALFTONE)
-        sampler_free(&s);
+    free(b.table.data);
+    free(b.scratch.data);
     return best;
 }
 
 int main(void)
 {
-    double first[JOBS];
+    progress shown = progress_start("shapes");
+    double first[JOBS], times[JOBS];
     int i, k;
 
     printf("%-12s", "");
@@ -128,18 +161,25 @@ int main(void)
     printf("\n");
     for (i = 0; i < SIZES; i++) {
         float *pixels = make_sky(sizes[i][0], sizes[i][1]);
-        const envsamp_image view = kd_image(pixels, sizes[i][0], sizes[i][1], 1);
+        envsamp_image view;
 
-        printf("%5dx%-6d", sizes[i][0], sizes[i][1]);
+        memset(&view, 0, sizeof view);
+        view.pixels = pixels;
+        view.width = sizes[i][0];
+        view.height = sizes[i][1];
+        view.channels = 1;
         for (k = 0; k < JOBS; k++) {
-            const double time = time_job(&view, k);
-
+            progress_show(&shown, (double)(JOBS * i + k) / (SIZES * JOBS), names[k]);
+            times[k] = time_job(&view, k);
             if (sizes[i][0] == 2 * sizes[i][1])
-                first[k] = time;
-            printf("%8.1f %4.1fx", time, time / first[k]);
-            fflush(stdout);
+                first[k] = times[k];
         }
+        progress_end(&shown);
+        printf("%5dx%-6d", sizes[i][0], sizes[i][1]);
+        for (k = 0; k < JOBS; k++)
+            printf("%8.1f %4.1fx", times[k], times[k] / first[k]);
         printf("\n");
+        fflush(stdout);
         free(pixels);
     }
     return 0;

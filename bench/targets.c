@@ -42,7 +42,7 @@ static double cpu_seconds(void)
 
 static envsamp_buffer get(size_t bytes)
 {
-    envsamp_buffer buffer = { kd_allocate(bytes), bytes };
+    envsamp_buffer buffer = { bench_allocate(bytes), bytes };
 
     memset(buffer.data, 0x3c, bytes);   /* so that no page is got for the first time in a build */
     return buffer;
@@ -51,7 +51,7 @@ static envsamp_buffer get(size_t bytes)
 static void measure(const image *map, int large, int select, int target, int index)
 {
     double (*out)[MAP_SET_MAX] = figures[large][select][target];
-    const envsamp_image view = kd_image(map->rgb, map->width, map->height, 3);
+    const envsamp_image view = bench_view(map);
     envsamp_kd_desc desc = envsamp_kd_defaults();
     envsamp_buffer table, scratch;
     envsamp_sizes sizes;
@@ -126,7 +126,7 @@ static void print_table(int large, int select, int count)
 
 int main(void)
 {
-    const map_set set = map_set_find();
+    map_set set = map_set_find("targets");
     image map;
     int i;
 
@@ -142,6 +142,7 @@ int main(void)
         measure_all(&map, 1, i);
         image_free(&map);
     }
+    map_set_done(&set);
     for (i = 0; i < 4; i++)
         print_table(i / 2, i % 2, set.count);
     return 0;

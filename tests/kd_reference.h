@@ -15,31 +15,7 @@
 
 #include <float.h>
 
-#include "../examples/common/image.h"
-
-/* ---- maps ---- */
-
-#define REFERENCE_REAL_COUNT 18
-
-/* Names of the real maps that `make data` fetches. */
-static inline const char *reference_real_name(int index)
-{
-    static const char *const names[REFERENCE_REAL_COUNT] = {
-        "apartment", "bridge", "city", "dawn", "esplanade", "forest", "hall", "lab", "lobby",
-        "night", "park", "sky", "studio", "sunrise", "sunset", "venice", "warehouse", "workshop"
-    };
-
-    return names[index];
-}
-
-/* Reads data/NAME.pfm; 0 where it is not there. */
-static inline int reference_real_map(int index, image *map)
-{
-    char path[64];
-
-    snprintf(path, sizeof path, "data/%s.pfm", reference_real_name(index));
-    return image_read_pfm(path, map, NULL, 0);
-}
+#include "../examples/common/real_maps.h"
 
 /* ---- a table, and the sums over its blocks ---- */
 

@@ -245,7 +245,7 @@ static inline int real_map(int index, int step, image *out)
     image map;
     int x, y, made;
 
-    if (!reference_real_map(index, &map))
+    if (!real_map_read(index, &map))
         return 0;
     made = image_alloc(out, map.width / step, map.height / step);
     for (y = 0; made && y < out->height; y++)

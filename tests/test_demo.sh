@@ -1,6 +1,6 @@
 #!/bin/sh
 # The demo with files that are not maps: one line on stderr that names the file, exit status 1,
-# and nothing written. And with a small map: its pictures. Needs build/demo_exr.
+# and nothing written. And with small maps: their pictures. Needs build/demo_exr, build/samplers.
 cd "$(dirname "$0")/.." || exit 1
 demo=$PWD/build/demo_exr
 tmp=$(mktemp -d) || exit 1
@@ -67,6 +67,23 @@ report $? "a small map is drawn"
 pictures=$(find "$tmp/out" -name '*.png' 2>/dev/null | wc -l)
 [ "$pictures" = 4 ]
 report $? "as 4 pictures ($pictures)"
-[ "$(grep -cE '^(kd, WARP|cdf) +([0-9.]+ +){4}[0-9.]+$' "$tmp/stdout")" = 2 ]
+grep -q "The map is flat" "$tmp/stdout"
+report $? "and said to be flat"
+"$demo" -o "$tmp/out" night >"$tmp/stdout" 2>"$tmp/stderr"
+[ $? = 0 ] && [ -s "$tmp/out/night_blocks.png" ] && ! grep -q flat "$tmp/stdout"
+report $? "a made-up map by its name is not"
+build/samplers -q "$tmp/grey.hdr" >"$tmp/stdout" 2>"$tmp/stderr"
+report $? "all kinds of tables"
+[ ! -s "$tmp/stderr" ]
+report $? "whose log has no progress, as they take no time"
+if script -qec true /dev/null >/dev/null 2>&1; then
+    script -qec "build/samplers -q '$tmp/grey.hdr'" /dev/null </dev/null | tr '\r' '\n' \
+        | grep -qE '^\[#* *\] +[0-9]+ %'
+    report $? "on a terminal a line shows what is done"
+else
+    count=$((count + 1))
+    echo "ok $count # SKIP no terminal: script is not installed"
+fi
+[ "$(grep -cE 'grey.hdr, (kd, WARP|cdf) +([0-9.]+ +){4}[0-9.]+$' "$tmp/stdout")" = 2 ]
 report $? "with the gain of MIS compensation"
 echo "1..$count"

@@ -14,9 +14,9 @@ report() {  # pass (0 is yes), what; a failure shows what the example printed
     { echo "$0: $2"; head -n 20 "$tmp/out" "$tmp/err"; } | sed 's/^/#   /' >&2
 }
 
-build/product -q >"$tmp/out" 2>"$tmp/err"
+build/product_gallery -q >"$tmp/out" 2>"$tmp/err"
 report $? "halftoned products have a third of the error of BRDF sampling, half of SIR's"
-build/product "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
+build/product_gallery "$tmp/missing.pfm" >"$tmp/out" 2>"$tmp/err"
 [ $? = 1 ] && grep -qF missing.pfm "$tmp/err"
 report $? "product: a missing map: $(head -n 1 "$tmp/err" | sed "s#$tmp/##g")"
 build/lights_gallery -o "$tmp" -k 16 studio >"$tmp/out" && [ -s "$tmp/lights_studio.png" ]
@@ -141,4 +141,14 @@ for example in quickstart path_tracer lights halftone table_file placement; do
     [ "$(wc -l <examples/$example.c)" -lt 150 ]
     report $? "$example.c has fewer than 150 lines"
 done
+
+# ---- benches ----
+
+cat >"$tmp/promise.c" <<END
+#include "bench/promise.h"
+int main(void) { return puts(promise("<=", 2.5, 0)) < 0; }
+END
+${CC:-cc} -std=c99 -I. "$tmp/promise.c" -o "$tmp/promise" && [ -z "$(CHECK= "$tmp/promise")" ] &&
+    [ -z "$(CHECK=0 "$tmp/promise")" ] && CHECK=1 "$tmp/promise" | grep -q '<= 2.5 *MISSED'
+report $? "what is promised is shown with CHECK=1 only"
 echo "1..$count"

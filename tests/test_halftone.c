@@ -135,7 +135,7 @@ static chart chart_even(int width, int height, float value)
 }
 
 /* The made-up maps, and the real ones that are there. */
-static chart maps[MADE_UP + REFERENCE_REAL_COUNT];
+static chart maps[MADE_UP + REAL_MAP_COUNT];
 static int map_count;
 
 static void maps_make(void)
@@ -145,9 +145,9 @@ static void maps_make(void)
 
     for (i = 0; map_names[i]; i++)
         maps[map_count++] = chart_made_up(map_names[i], WIDTH, HEIGHT);
-    for (i = 0; i < REFERENCE_REAL_COUNT; i++)
-        if (reference_real_map(i, &map))
-            maps[map_count++] = chart_of_image(reference_real_name(i), &map);
+    for (i = 0; i < REAL_MAP_COUNT; i++)
+        if (real_map_read(i, &map))
+            maps[map_count++] = chart_of_image(real_map_name(i), &map);
     if (map_count == MADE_UP)
         CHECK_SKIP("no real maps: make data fetches them");
 }
@@ -830,7 +830,7 @@ static void test_start(int scan)
 typedef struct rect { int x0, y0, x1, y1; } rect;
 
 static rect rects[RECTS];
-static double rect_mass[MADE_UP + REFERENCE_REAL_COUNT][RECTS];
+static double rect_mass[MADE_UP + REAL_MAP_COUNT][RECTS];
 
 static double mass_within(const chart *c, const rect *r)
 {

@@ -10,7 +10,7 @@
 #include "../examples/common/random.h"
 
 #define MADE_COUNT 4
-#define MAP_COUNT (MADE_COUNT + REFERENCE_REAL_COUNT)
+#define MAP_COUNT (MADE_COUNT + REAL_MAP_COUNT)
 #define L1_GAP 5e-4             /* relative, above the least that a scan finds */
 #define POWER_GAP 1e-4          /* the same for POWER's L1, whose minimum is a kink in a valley */
 #define POWER_CHI2_BEHIND 1e-6  /* of 1 + variance, CHI2 above L1, both POWER, at any count */
@@ -22,14 +22,14 @@ static const char *map_name(int index)
 {
     static const char *const made[MADE_COUNT] = { "sky", "studio", "night", "foliage" };
 
-    return index < MADE_COUNT ? made[index] : reference_real_name(index - MADE_COUNT);
+    return index < MADE_COUNT ? made[index] : real_map_name(index - MADE_COUNT);
 }
 
 static int map_get(int index, image *map)
 {
     if (index < MADE_COUNT)
         return map_make(map_name(index), 512, 256, map);
-    return reference_real_map(index - MADE_COUNT, map);
+    return real_map_read(index - MADE_COUNT, map);
 }
 
 static envsamp_kd_desc fit_desc(int blocks, envsamp_kd_model model,

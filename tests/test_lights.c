@@ -367,9 +367,9 @@ static void test_maps(void)
             image_free(&map);
         }
     test_rare_channels();
-    for (i = 0; i < REFERENCE_REAL_COUNT; i++)
-        if (reference_real_map(i, &map)) {
-            test_map(reference_real_name(i), &map);
+    for (i = 0; i < REAL_MAP_COUNT; i++)
+        if (real_map_read(i, &map)) {
+            test_map(real_map_name(i), &map);
             image_free(&map);
             real++;
         }
@@ -592,7 +592,7 @@ static int load_scene(scene *s, int index)
         made_up++;
     if (index < made_up)
         return map_make(map_names[index], 256, 128, &s->map);
-    return index - made_up < REFERENCE_REAL_COUNT && reference_real_map(index - made_up, &s->map);
+    return index - made_up < REAL_MAP_COUNT && real_map_read(index - made_up, &s->map);
 }
 
 /* RMSE over that of RANDOM, geometric mean over maps. The wrong ones fail HALFTONE's test. */

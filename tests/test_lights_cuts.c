@@ -196,9 +196,9 @@ static void test_maps(void)
             test_map(map_names[i], &map);
             image_free(&map);
         }
-    for (i = 0; i < REFERENCE_REAL_COUNT; i += 6)
+    for (i = 0; i < REAL_MAP_COUNT; i += 6)
         if (real_map(i, 3, &map)) {
-            test_map(reference_real_name(i), &map);
+            test_map(real_map_name(i), &map);
             image_free(&map);
             real++;
         }

@@ -160,14 +160,14 @@ static void test_real_masks(void)
     int i, real = 0;
     image map;
 
-    for (i = 0; i < REFERENCE_REAL_COUNT; i++)
+    for (i = 0; i < REAL_MAP_COUNT; i++)
         if (real_map(i, 1, &map)) {
             canvas c = canvas_of(&map, i % LAYOUTS);
             mask_tally t = { 0, 0, 0, 0 };
 
             c.view.mapping = (envsamp_mapping)(i % 3);
             tally_knobs(&c.view, &t);
-            check_masks(reference_real_name(i), &t);
+            check_masks(real_map_name(i), &t);
             free(c.pixels);
             image_free(&map);
             real++;
@@ -284,9 +284,9 @@ static void test_maps(void)
             test_map(map_names[i], &map, 1024);
             image_free(&map);
         }
-    for (i = 0; i < REFERENCE_REAL_COUNT; i++)
+    for (i = 0; i < REAL_MAP_COUNT; i++)
         if (real_map(i, 4, &map)) {
-            test_map(reference_real_name(i), &map, i % 6 ? 256 : 1024);
+            test_map(real_map_name(i), &map, i % 6 ? 256 : 1024);
             image_free(&map);
         }
 }
@@ -297,7 +297,7 @@ static void test_real(void)
     int i, k, seed, real = 0;
     image map;
 
-    for (i = 0; i < REFERENCE_REAL_COUNT; i++)
+    for (i = 0; i < REAL_MAP_COUNT; i++)
         if (real_map(i, 1, &map)) {
             const envsamp_image view = kd_image(map.rgb, map.width, map.height, 3);
             envsamp_lights_desc desc = ask(1);
@@ -311,7 +311,7 @@ static void test_real(void)
                     desc.seed = (uint32_t)(seed * 977);
                     judge(&e, &desc, &t);
                 }
-            check_tally(reference_real_name(i), &t);
+            check_tally(real_map_name(i), &t);
             emission_free(&e);
             image_free(&map);
             real++;

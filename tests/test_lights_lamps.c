@@ -13,6 +13,7 @@
 
 #include "check.h"
 #include "kd_reference.h"
+#include "../examples/common/progress.h"
 #include "../examples/common/random.h"
 
 #include <math.h>
@@ -198,7 +199,7 @@ static int subject_real(subject *s, int index)
     image map;
     int x, y, c;
 
-    if (!reference_real_map(index, &map))
+    if (!real_map_read(index, &map))
         return 0;
     subject_size(s, ENVSAMP_LATLONG, map.width / 4, map.height / 4);
     for (y = 0; y < map.height / 4 * 4; y++)
@@ -469,7 +470,7 @@ static void test_real(void)
     int i;
 
     memset(&v, 0, sizeof v);
-    for (i = 0; i < REFERENCE_REAL_COUNT; i++)
+    for (i = 0; i < REAL_MAP_COUNT; i++)
         if (subject_real(&s, i)) {
             judge_map(&s, 2 * i, &v);
             subject_free(&s);
@@ -485,21 +486,25 @@ static void test_real(void)
 static int print_table(void)
 {
     static const int counts[] = { 1, 2, 4, 8, 12, 16, 24, 32, 48, 64, 96, 128, 129, 200 };
+    const int columns = (int)(sizeof counts / sizeof counts[0]);
     envsamp_light lights[MOST];
+    progress shown = progress_start("lamps");
     verdict v;
     subject s;
     int i, k;
 
     printf("lights  sets  energy / least of others  above that  above 1.02 of one less  "
            "irradiance  no light\n");
-    for (k = 0; k < (int)(sizeof counts / sizeof counts[0]); k++) {
+    for (k = 0; k < columns; k++) {
         memset(&v, 0, sizeof v);
         for (i = 0; i < MAPS; i += 4) {
+            progress_show(&shown, (k + (double)i / MAPS) / columns, NULL);
             subject_make(&s, i);
             make(&s, methods[0], counts[k], 0, lights);
             judge_lights(&s, lights, counts[k], &v);
             subject_free(&s);
         }
+        progress_end(&shown);
         printf("%6d  %4d  %24.3f  %4d %5.3g  %15d %6.3g  %10d  %8d\n", counts[k], v.sets,
                exp(v.logs / (v.counted > 0 ? v.counted : 1)), v.failed[BEST], v.worst[BEST],
                v.failed[BEFORE], v.worst[BEFORE], v.failed[IRRADIANCE], v.failed[MISSED]);

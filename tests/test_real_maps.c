@@ -132,7 +132,7 @@ static figures measure(int index)
     image map;
 
     memset(&m, 0, sizeof m);
-    m.present = reference_real_map(index, &map);
+    m.present = real_map_read(index, &map);
     if (!m.present)
         return m;
     m.built = reference_build(&r, &map, &desc);
@@ -156,7 +156,7 @@ static figures measure(int index)
 
 static void check_map(int index, const figures *m)
 {
-    const char *name = reference_real_name(index);
+    const char *name = real_map_name(index);
 
     CHECK(m->built, "%s builds", name);
     CHECK(m->alias <= 0.14, "%s: ALIAS has excess variance %.5f", name, m->alias);
@@ -171,7 +171,7 @@ static void check_map(int index, const figures *m)
 
 static void check_warp(int index, const figures *m)
 {
-    const char *name = reference_real_name(index);
+    const char *name = real_map_name(index);
 
     CHECK(m->warp <= 0.2, "%s: WARP has excess variance %.5f", name, m->warp);
     CHECK(fabs(m->warp - m->warp_brute_force) <= 2e-6 * (1.0 + m->warp),
@@ -191,32 +191,32 @@ static double median(const double *falling, int count)
 
 static void check_all(const figures *all)
 {
-    double excess[REFERENCE_REAL_COUNT], ratio[REFERENCE_REAL_COUNT], warp[REFERENCE_REAL_COUNT];
+    double excess[REAL_MAP_COUNT], ratio[REAL_MAP_COUNT], warp[REAL_MAP_COUNT];
     int i;
 
-    for (i = 0; i < REFERENCE_REAL_COUNT; i++) {
+    for (i = 0; i < REAL_MAP_COUNT; i++) {
         excess[i] = all[i].alias;
         ratio[i] = all[i].alias / all[i].sse;
         warp[i] = all[i].warp;
     }
-    qsort(excess, REFERENCE_REAL_COUNT, sizeof *excess, reference_falling);
-    qsort(warp, REFERENCE_REAL_COUNT, sizeof *warp, reference_falling);
-    qsort(ratio, REFERENCE_REAL_COUNT, sizeof *ratio, reference_falling);
+    qsort(excess, REAL_MAP_COUNT, sizeof *excess, reference_falling);
+    qsort(warp, REAL_MAP_COUNT, sizeof *warp, reference_falling);
+    qsort(ratio, REAL_MAP_COUNT, sizeof *ratio, reference_falling);
     CHECK(excess[1] <= 0.018, "17 maps have at most %.5f, one %.5f", excess[1], excess[0]);
-    CHECK(median(excess, REFERENCE_REAL_COUNT) <= 0.004, "the median is %.5f",
-          median(excess, REFERENCE_REAL_COUNT));
-    CHECK(median(ratio, REFERENCE_REAL_COUNT) < 0.85,
-          "EXCESS has a median %.3f of the variance of SSE", median(ratio, REFERENCE_REAL_COUNT));
-    CHECK(median(warp, REFERENCE_REAL_COUNT) <= 0.008, "the median of WARP is %.5f, the worst %.5f",
-          median(warp, REFERENCE_REAL_COUNT), warp[0]);
+    CHECK(median(excess, REAL_MAP_COUNT) <= 0.004, "the median is %.5f",
+          median(excess, REAL_MAP_COUNT));
+    CHECK(median(ratio, REAL_MAP_COUNT) < 0.85,
+          "EXCESS has a median %.3f of the variance of SSE", median(ratio, REAL_MAP_COUNT));
+    CHECK(median(warp, REAL_MAP_COUNT) <= 0.008, "the median of WARP is %.5f, the worst %.5f",
+          median(warp, REAL_MAP_COUNT), warp[0]);
 }
 
 int main(void)
 {
-    figures all[REFERENCE_REAL_COUNT];
+    figures all[REAL_MAP_COUNT];
     int i, present = 0;
 
-    for (i = 0; i < REFERENCE_REAL_COUNT; i++) {
+    for (i = 0; i < REAL_MAP_COUNT; i++) {
         all[i] = measure(i);
         present += all[i].present;
         if (all[i].present) {
@@ -226,7 +226,7 @@ int main(void)
             CHECK_SKIP("a real map is missing: run make data");
         }
     }
-    if (present == REFERENCE_REAL_COUNT)
+    if (present == REAL_MAP_COUNT)
         check_all(all);
     else
         CHECK_SKIP("medians over the real maps: run make data");

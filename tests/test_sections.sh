@@ -1,6 +1,7 @@
 #!/bin/sh
 # The sections of envsamp.h are in the order that data flows, and each uses only what is defined
-# above: functions, types and macros.
+# above: functions, types and macros. Folders too: examples take nothing from bench/ or tests/, and
+# bench/ nothing from tests/.
 cd "$(dirname "$0")/.." || exit 1
 tmp=$(mktemp -d) || exit 1
 trap 'rm -rf "$tmp"' EXIT
@@ -108,4 +109,28 @@ functions envsamp.h >"$tmp/functions"
 [ "$(awk '$1 > 80' "$tmp/functions" | wc -l)" -eq 0 ]
 point $? "no function is longer than 80 lines"
 awk '$1 > 80 { print "# " $0 }' "$tmp/functions"
+
+# includes FOLDER: what files below FOLDER/examples and FOLDER/bench include of a folder above
+# theirs in that order.
+includes() {
+    grep -rnE '^[[:space:]]*#[[:space:]]*include.*"([^"]*/)?(bench|tests)/' "$1/examples"
+    grep -rnE '^[[:space:]]*#[[:space:]]*include.*"([^"]*/)?tests/' "$1/bench"
+}
+
+includes . >"$tmp/found"
+[ ! -s "$tmp/found" ]
+point $? "examples include nothing of bench/ or tests/, bench/ nothing of tests/"
+sed 's/^/# /' "$tmp/found"
+mkdir "$tmp/examples" "$tmp/bench"
+cp examples/common/light.h "$tmp/examples"
+cp bench/table.h "$tmp/bench"
+[ "$(includes "$tmp" | wc -l)" -eq 0 ]
+point $? "of two files as they are none is found"
+for fault in examples:../../bench/baselines.h examples:../tests/check.h bench:../tests/inside.h; do
+    folder=${fault%%:*}
+    echo "#  include \"${fault#*:}\"" >"$tmp/$folder/fault.c"
+    [ "$(includes "$tmp" | wc -l)" -eq 1 ]
+    point $? "${fault#*:} in $folder is found"
+    rm "$tmp/$folder/fault.c"
+done
 echo "1..$count"

@@ -1,4 +1,4 @@
-/* image.c: memory, PFM and PNG for image.h; PNG through a deflate encoder of its own. */
+/* image.c: memory, PFM and PNG for image.h; PNG through a small deflate encoder of its own. */
 #include "image.h"
 #include "load.h"
 
@@ -452,45 +452,26 @@ void image_tonemap(const image *map, float exposure, unsigned char *rgb)
         rgb[i] = encode_srgb(map->rgb[i] * exposure);
 }
 
-/* ---- bits and codes of deflate ---- */
+/* ---- deflate: LZ77 with the fixed code ---- */
 
-#define LITERAL_CODES 286
-#define DISTANCE_CODES 30
-#define BLOCK_END 256
-#define BLOCK_TOKENS 32768
 #define WINDOW 32768
-#define HASH_SIZE 32768
-#define CHAIN_MAX 96
-#define MATCH_MIN 3
 #define MATCH_MAX 258
-#define MATCH_NEAR 4096 /* from farther, three bytes cost less as literals */
-#define MATCH_LAZY 32 /* matches this long are taken without a look at the next position */
-
-typedef struct huffman {
-    uint32_t counts[LITERAL_CODES];
-    unsigned char lengths[LITERAL_CODES];
-    uint16_t codes[LITERAL_CODES];
-} huffman;
+#define CHAIN_MAX 32                     /* places looked at for a match */
+#define LAZY_MAX 32                      /* longer matches are taken without a look ahead */
 
 typedef struct deflater {
-    unsigned char *out;        /* with room for two bytes of each byte of data, and for codes */
-    size_t out_count;
-    uint32_t bits;
-    int bit_count, counting;   /* while counting, symbols are counted and nothing is written */
     const unsigned char *data;
-    int32_t size;
-    int32_t head[HASH_SIZE];   /* latest position with this hash, or -1 */
-    int32_t previous[WINDOW];  /* the position before it with the same hash */
-    uint32_t tokens[BLOCK_TOKENS]; /* a literal, or length << 16 | (distance - 1) */
-    int token_count;
-    huffman literals, distances;
+    unsigned char *out;                  /* with room for 9 bits of each byte of data */
+    size_t size, out_count;
+    uint32_t bits;
+    int bit_count;
+    int32_t head[WINDOW];                /* latest place with this hash, or -1 */
+    int32_t previous[WINDOW];            /* the place before it with the same hash */
 } deflater;
 
-/* At most 16 bits, lowest first. */
+/* Lowest bit first. */
 static void put_bits(deflater *state, uint32_t value, int count)
 {
-    if (state->counting)
-        return;
     state->bits |= value << state->bit_count;
     for (state->bit_count += count; state->bit_count >= 8; state->bit_count -= 8) {
         state->out[state->out_count++] = (unsigned char)(state->bits & 255u);
@@ -498,68 +479,25 @@ static void put_bits(deflater *state, uint32_t value, int count)
     }
 }
 
-static void put_symbol(deflater *state, huffman *code, int symbol)
+/* Highest bit first, as codes are. */
+static void put_code(deflater *state, int code, int count)
 {
-    code->counts[symbol] += state->counting ? 1u : 0u;
-    put_bits(state, code->codes[symbol], code->lengths[symbol]);
+    while (count-- > 0)
+        put_bits(state, (uint32_t)code >> count & 1u, 1);
 }
 
-/* Code lengths of the Huffman tree over the weights, which are used up: the two lightest groups of
-   symbols become one, and the codes of all in it a bit longer. Returns the longest. */
-static int tree_lengths(uint32_t *weights, int symbols, unsigned char *lengths)
+/* A literal, the end of the block, 256, or a length. */
+static void put_symbol(deflater *state, int symbol)
 {
-    int group[LITERAL_CODES], longest = 0, i, a, b;
-
-    for (i = 0; i < symbols; i++) {
-        group[i] = i;
-        lengths[i] = 0;
-    }
-    for (;;) {
-        for (i = 0, a = b = -1; i < symbols; i++)
-            if (weights[i] > 0 && (a < 0 || weights[i] < weights[a])) {
-                b = a;
-                a = i;
-            } else if (weights[i] > 0 && (b < 0 || weights[i] < weights[b])) {
-                b = i;
-            }
-        if (b < 0)
-            break;
-        weights[a] += weights[b];
-        weights[b] = 0;
-        for (i = 0; i < symbols; i++)
-            if (group[i] == a || group[i] == b) {
-                group[i] = a;
-                longest = ++lengths[i] > longest ? lengths[i] : longest;
-            }
-    }
-    if (longest == 0 && a >= 0)
-        lengths[a] = 1; /* a lone symbol needs a bit */
-    return longest;
+    if (symbol < 144)
+        put_code(state, symbol + 0x30, 8);
+    else if (symbol < 256)
+        put_code(state, symbol - 144 + 0x190, 9);
+    else if (symbol < 280)
+        put_code(state, symbol - 256, 7);
+    else
+        put_code(state, symbol - 280 + 0xc0, 8);
 }
-
-/* Canonical codes of at most 15 bits, reversed because put_bits writes the lowest bit first. Counts
-   are flattened until the tree is as shallow as that. */
-static void make_code(huffman *code, int symbols)
-{
-    uint32_t weights[LITERAL_CODES];
-    unsigned next = 0;
-    int length, i, bit;
-
-    do {
-        memcpy(weights, code->counts, sizeof weights);
-        for (i = 0; i < symbols; i++)
-            code->counts[i] = (code->counts[i] + 1) / 2;
-    } while (tree_lengths(weights, symbols, code->lengths) > 15);
-    for (length = 1; length <= 15; length++, next <<= 1)
-        for (i = 0; i < symbols; i++)
-            if (code->lengths[i] == length) {
-                for (code->codes[i] = 0, bit = 0; bit < length; bit++)
-                    code->codes[i] |= (uint16_t)((next >> bit & 1u) << (length - 1 - bit));
-                next++;
-            }
-}
-
-/* ---- deflate ---- */
 
 /* The code of a length or a distance, and its extra bits: 2^steps_log2 codes an octave. */
 static int find_slot(uint32_t value, int steps_log2, int *extra_bits)
@@ -570,130 +508,79 @@ static int find_slot(uint32_t value, int steps_log2, int *extra_bits)
     return (*extra_bits << steps_log2) + (int)(value >> *extra_bits);
 }
 
-static void put_token(deflater *state, uint32_t token)
+static void put_match(deflater *state, uint32_t length, uint32_t distance)
 {
-    const uint32_t length = (token >> 16) - MATCH_MIN, distance = token & 0xffffu;
-    int symbol, bits;
+    int bits, symbol = 257 + find_slot(length - 3, 2, &bits);
 
-    if (token < 256) {
-        put_symbol(state, &state->literals, (int)token);
-        return;
-    }
-    symbol = BLOCK_END + 1 + find_slot(length, 2, &bits);
-    if (length == MATCH_MAX - MATCH_MIN) {
-        symbol = LITERAL_CODES - 1;
+    if (length == MATCH_MAX) {
+        symbol = 285;
         bits = 0;
     }
-    put_symbol(state, &state->literals, symbol);
-    put_bits(state, length & ((1u << bits) - 1u), bits);
-    symbol = find_slot(distance, 1, &bits);
-    put_symbol(state, &state->distances, symbol);
-    put_bits(state, distance & ((1u << bits) - 1u), bits);
+    put_symbol(state, symbol);
+    put_bits(state, (length - 3) & ((1u << bits) - 1u), bits);
+    put_code(state, find_slot(distance - 1, 1, &bits), 5);
+    put_bits(state, (distance - 1) & ((1u << bits) - 1u), bits);
 }
 
-static void put_tokens(deflater *state)
-{
-    int i;
-
-    for (i = 0; i < state->token_count; i++)
-        put_token(state, state->tokens[i]);
-    put_symbol(state, &state->literals, BLOCK_END);
-}
-
-/* Lengths of codes go as they are, in 4 bits each: the code of these is flat, without runs. */
-static void put_lengths(deflater *state, const huffman *code, int symbols)
-{
-    int i, bit;
-
-    for (i = 0; i < symbols; i++)
-        for (bit = 3; bit >= 0; bit--)
-            put_bits(state, code->lengths[i] >> bit & 1u, 1);
-}
-
-/* One block with codes of its own over the tokens so far. */
-static void put_block(deflater *state, int last)
-{
-    int i;
-
-    memset(&state->literals, 0, sizeof state->literals);
-    memset(&state->distances, 0, sizeof state->distances);
-    state->counting = 1;
-    put_tokens(state);
-    state->counting = 0;
-    make_code(&state->literals, LITERAL_CODES);
-    make_code(&state->distances, DISTANCE_CODES);
-    put_bits(state, (last ? 1u : 0u) | 2u << 1, 3);
-    put_bits(state, (LITERAL_CODES - 257) | (DISTANCE_CODES - 1) << 5, 10);
-    put_bits(state, 19 - 4, 4);
-    for (i = 0; i < 19; i++)
-        put_bits(state, i < 3 ? 0 : 4, 3); /* the first three are those of runs */
-    put_lengths(state, &state->literals, LITERAL_CODES);
-    put_lengths(state, &state->distances, DISTANCE_CODES);
-    put_tokens(state);
-    state->token_count = 0;
-}
-
-static int32_t *bucket(deflater *state, int32_t at)
+static int32_t *bucket(deflater *state, size_t at)
 {
     const unsigned char *p = state->data + at;
 
-    return &state->head[(((uint32_t)p[0] << 10) ^ ((uint32_t)p[1] << 5) ^ p[2]) & (HASH_SIZE - 1)];
+    return &state->head[((uint32_t)p[0] << 10 ^ (uint32_t)p[1] << 5 ^ p[2]) % WINDOW];
 }
 
-static void remember(deflater *state, int32_t at)
+static void remember(deflater *state, size_t at)
 {
-    if (at + MATCH_MIN > state->size)
+    if (at + 3 > state->size)
         return;
-    state->previous[at & (WINDOW - 1)] = *bucket(state, at);
-    *bucket(state, at) = at;
+    state->previous[at % WINDOW] = *bucket(state, at);
+    *bucket(state, at) = (int32_t)at;
 }
 
-/* The longest match for the bytes at `at` as a token, or 0 where none is worth taking. */
-static uint32_t find_match(deflater *state, int32_t at)
+/* The length of the longest match for what is at `at`, or 0. */
+static uint32_t find_match(deflater *state, size_t at, uint32_t *distance)
 {
-    const int32_t most = state->size - at < MATCH_MAX ? state->size - at : MATCH_MAX;
-    const unsigned char *here = state->data + at;
-    int32_t from, length, best = MATCH_MIN - 1, distance = 0;
+    const size_t left = state->size - at;
+    const uint32_t most = left < MATCH_MAX ? (uint32_t)left : MATCH_MAX;
+    uint32_t length, best = 2;
+    int32_t from = most > 2 ? *bucket(state, at) : -1;
     int steps;
 
-    if (most < MATCH_MIN)
-        return 0;
-    from = *bucket(state, at);
-    for (steps = 0; steps < CHAIN_MAX && from >= 0 && at - from < WINDOW && best < most; steps++) {
-        for (length = 0; length < most && state->data[from + length] == here[length]; length++)
-            ;
+    for (steps = 0; steps < CHAIN_MAX && from >= 0 && at - (size_t)from < WINDOW && best < most;
+         steps++, from = state->previous[from % WINDOW]) {
+        const unsigned char *old = state->data + from;
+
+        for (length = 0; length < most && old[length] == old[at - (size_t)from + length];)
+            length++;
         if (length > best) {
             best = length;
-            distance = at - from;
+            *distance = (uint32_t)(at - (size_t)from);
         }
-        from = state->previous[from & (WINDOW - 1)];
     }
-    if (distance == 0 || (best == MATCH_MIN && distance > MATCH_NEAR))
-        return 0;
-    return (uint32_t)best << 16 | (uint32_t)(distance - 1);
+    return best > 2 ? best : 0;
 }
 
 static void deflate_all(deflater *state)
 {
-    int32_t at = 0, step;
+    uint32_t length, distance = 0, unused;
+    size_t at = 0;
 
     memset(state->head, 0xff, sizeof state->head);
+    put_bits(state, 1u | 1u << 1, 3);    /* the last block, of the fixed code */
     while (at < state->size) {
-        uint32_t match = find_match(state, at);
-
+        length = find_match(state, at, &distance);
         remember(state, at);
         /* A longer match one byte on is worth a literal here. */
-        if (match >> 16 < MATCH_LAZY && (find_match(state, at + 1) >> 16) > (match >> 16))
-            match = 0;
-        state->tokens[state->token_count++] = match ? match : state->data[at];
-        step = match ? (int32_t)(match >> 16) : 1;
-        for (at++; step > 1; step--, at++)
+        if (length == 0 || (length < LAZY_MAX && find_match(state, at + 1, &unused) > length)) {
+            put_symbol(state, state->data[at++]);
+            continue;
+        }
+        put_match(state, length, distance);
+        for (at++; length > 1; length--, at++)
             remember(state, at);
-        if (state->token_count == BLOCK_TOKENS)
-            put_block(state, 0);
     }
-    put_block(state, 1);
-    put_bits(state, 0, 7); /* up to the next byte */
+    put_symbol(state, 256);
+    put_bits(state, 0, 7);               /* up to the next byte */
 }
 
 static void set_big_endian(unsigned char *bytes, uint32_t value)
@@ -708,7 +595,7 @@ static void set_big_endian(unsigned char *bytes, uint32_t value)
 static unsigned char *compress_bytes(const unsigned char *data, size_t count, size_t *out_count)
 {
     deflater *state = (deflater *)calloc(1, sizeof *state);
-    unsigned char *out = (unsigned char *)malloc(2 * count + count / 64 + 1024);
+    unsigned char *out = (unsigned char *)malloc(count + count / 8 + 64);
     uint32_t a = 1, b = 0;
     size_t i;
 
@@ -718,7 +605,7 @@ static unsigned char *compress_bytes(const unsigned char *data, size_t count, si
         state->out = out;
         state->out_count = 2;
         state->data = data;
-        state->size = (int32_t)count;
+        state->size = count;
         deflate_all(state);
         for (i = 0; i < count; i++) { /* Adler-32 */
             a = (a + data[i]) % 65521u;
@@ -736,67 +623,17 @@ static unsigned char *compress_bytes(const unsigned char *data, size_t count, si
 
 /* ---- PNG ---- */
 
-static int paeth(int left, int up, int corner)
-{
-    const int to_left = abs(up - corner), to_up = abs(left - corner);
-    const int to_corner = abs(left + up - 2 * corner);
-
-    if (to_left <= to_up && to_left <= to_corner)
-        return left;
-    return to_up <= to_corner ? up : corner;
-}
-
-/* What one of the five filters leaves of a byte; `above` is a row of zeros over the first. */
-static unsigned char residual(int filter, const unsigned char *row, const unsigned char *above,
-                              size_t i)
-{
-    const int left = i >= 3 ? row[i - 3] : 0, up = above[i], corner = i >= 3 ? above[i - 3] : 0;
-    const int guess = filter == 0 ? 0 : filter == 1 ? left : filter == 2 ? up
-                    : filter == 3 ? (left + up) / 2 : paeth(left, up, corner);
-
-    return (unsigned char)((row[i] - guess) & 255);
-}
-
-/* The filter whose residuals have the least sum of sizes, which is a good guess at how well the row
-   will compress; its number and the residuals are written. */
-static void filter_row(const unsigned char *row, const unsigned char *above, size_t count,
-                       unsigned char *out)
-{
-    long least = -1;
-    int filter, best = 0;
-    size_t i;
-
-    for (filter = 0; filter < 5; filter++) {
-        long cost = 0;
-
-        for (i = 0; i < count; i++)
-            cost += abs((signed char)residual(filter, row, above, i));
-        if (least < 0 || cost < least) {
-            least = cost;
-            best = filter;
-        }
-    }
-    out[0] = (unsigned char)best;
-    for (i = 0; i < count; i++)
-        out[i + 1] = residual(best, row, above, i);
-}
-
-/* All rows under their filters, to be freed; NULL without memory. */
+/* All rows under filter 1, which leaves the difference to the pixel on the left; to be freed, and
+   NULL without memory. A choice among all five filters makes files no smaller with this deflate. */
 static unsigned char *filter_rows(int width, int height, const unsigned char *rgb)
 {
     const size_t stride = 3 * (size_t)width;
-    unsigned char *out = (unsigned char *)malloc((stride + 1) * (size_t)height);
-    unsigned char *zeros = (unsigned char *)calloc(stride, 1);
-    size_t y;
+    unsigned char *out = (unsigned char *)malloc((stride + 1) * (size_t)height), *to = out;
+    size_t y, x;
 
-    for (y = 0; out && zeros && y < (size_t)height; y++)
-        filter_row(rgb + stride * y, y ? rgb + stride * (y - 1) : zeros, stride,
-                   out + (stride + 1) * y);
-    if (!zeros) {
-        free(out);
-        out = NULL;
-    }
-    free(zeros);
+    for (y = 0; out && y < (size_t)height; y++, rgb += stride)
+        for (*to++ = 1, x = 0; x < stride; x++)
+            *to++ = (unsigned char)((rgb[x] - (x < 3 ? 0 : rgb[x - 3])) & 255);
     return out;
 }
 

@@ -4,12 +4,11 @@
  *     sampler by = sampler_of_kd("WARP", kd);
  *     envsamp_sample s = by.draw(by.table, u0, u1);
  *
- * Needs envsamp.h, and baselines.c where sampler_of_cdf is called.
+ * Needs envsamp.h.
  */
 #ifndef LIGHT_H
 #define LIGHT_H
 
-#include "../../bench/baselines.h"
 #include "../../envsamp.h"
 #include "image.h"
 
@@ -66,18 +65,6 @@ static inline envsamp_sample sampler_draw_kd(const void *table, float u0, float 
     return envsamp_kd_sample((const envsamp_kd *)table, u0, u1);
 }
 
-static inline envsamp_sample sampler_draw_cdf(const void *table, float u0, float u1)
-{
-    const baseline_sample from = baseline_cdf_sample((const baseline_cdf *)table, u0, u1);
-    envsamp_sample s = {{0.0f, 0.0f, 0.0f}, 0.0f, {0.0f, 0.0f}};
-    int i;
-
-    for (i = 0; i < 3; i++)
-        s.dir[i] = from.dir[i];
-    s.pdf = from.pdf;
-    return s;
-}
-
 static inline envsamp_sample sampler_draw_uniform(const void *table, float u0, float u1)
 {
     const float z = 1.0f - 2.0f * u1, level = sqrtf(fmaxf(1.0f - z * z, 0.0f));
@@ -96,15 +83,6 @@ static inline sampler sampler_of_kd(const char *name, const envsamp_kd *kd)
 
     by.name = name;
     by.table = kd;
-    return by;
-}
-
-static inline sampler sampler_of_cdf(const char *name, const baseline_cdf *cdf)
-{
-    sampler by = {NULL, sampler_draw_cdf, NULL};
-
-    by.name = name;
-    by.table = cdf;
     return by;
 }
 

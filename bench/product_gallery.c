@@ -1,7 +1,8 @@
-/* product.c: product sampling: 32 rays for every pixel, chosen for it by error diffusion over light
- * x BRDF x cosine, beside BRDF sampling and sampling-importance resampling at as many rays.
+/* product_gallery.c: product sampling: 32 rays for every pixel, chosen for it by error diffusion
+ * over light x BRDF x cosine, beside BRDF sampling and sampling-importance resampling at as many
+ * rays.
  *
- *     product [-q] [-o FOLDER] [MAP]
+ *     product_gallery [-q] [-o FOLDER] [MAP]
  *
  * MAP is a lat-long HDR or PFM file or a name of maps.h; the default is sky, whose sun fills 14 of
  * 65536 texels with 84 % of the light: what BRDFs hardly ever hit, of another colour than the rest.
@@ -34,11 +35,12 @@
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
 
-#include "common/folder.h"
-#include "common/maps.h"
-#include "common/picture.h"
-#include "common/product_scene.h"
-#include "common/random.h"
+#include "../examples/common/folder.h"
+#include "../examples/common/maps.h"
+#include "../examples/common/picture.h"
+#include "../examples/common/product_scene.h"
+#include "../examples/common/progress.h"
+#include "../examples/common/random.h"
 
 #include <float.h>
 #include <stdio.h>
@@ -353,7 +355,10 @@ typedef struct trial {
     float *rgb[WAYS][SCENE_SURFACES];
     tally tallies[WAYS][SCENE_SURFACES][KINDS];
     double us[WAYS];                 /* microseconds a pixel */
+    progress shown;
 } trial;
+
+#define SEE_SHARE 0.65               /* of the time: the reference */
 
 static void see(trial *t, const dome_part *parts, int part_count, int surface, int pixel)
 {
@@ -520,13 +525,20 @@ static int trial_run(trial *t, shading *s)
 
     if (!parts)
         return 0;
+    t->shown = progress_start("product_gallery");
     count = dome_parts(s->dome, parts);
     for (surface = 0; surface < SCENE_SURFACES; surface++)
-        for (i = 0; i < t->width * t->height; i++)
+        for (i = 0; i < t->width * t->height; i++) {
+            progress_show(&t->shown, SEE_SHARE * (surface + (double)i / (t->width * t->height))
+                                     / SCENE_SURFACES, "reference");
             see(t, parts, count, surface, i);
+        }
     free(parts);
-    for (way = 0; way < WAYS; way++)
+    for (way = 0; way < WAYS; way++) {
+        progress_show(&t->shown, SEE_SHARE + (1.0 - SEE_SHARE) * way / WAYS, way_names[way]);
         shade_all(t, s, way);
+    }
+    progress_end(&t->shown);
     return 1;
 }
 
@@ -713,7 +725,7 @@ static int draw(const trial *t, shading *s, picture *out)
 
 /* ---- the program ----------------------------------------------------------------------------- */
 
-#define USAGE "usage: product [-q] [-o FOLDER] [MAP.hdr, MAP.pfm or sky, studio, night, foliage]\n"
+#define USAGE "usage: product_gallery [-q] [-o FOLDER] [MAP]\n"
 
 typedef struct options { const char *folder, *map; int quick; } options;
 
@@ -799,8 +811,8 @@ int main(int argc, char **argv)
     image_free(&map);
     fflush(stdout);
     if (!good)
-        fprintf(stderr, "product: %s\n", error);
+        fprintf(stderr, "product_gallery: %s\n", error);
     else if (o.quick && !well)
-        fprintf(stderr, "product: the double product has too large an error\n");
+        fprintf(stderr, "product_gallery: the double product has too large an error\n");
     return good && (well || !o.quick) ? EXIT_SUCCESS : EXIT_FAILURE;
 }

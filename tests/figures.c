@@ -9,9 +9,10 @@
 #include "../envsamp.h"
 
 #include "../examples/common/random.h"
-#include "../tests/sampler.h"
-#include "map_set.h"
-#include "warp_walk.h"
+#include "sampler.h"
+#include "kd_reference.h"
+#include "../bench/map_set.h"
+#include "../bench/warp_walk.h"
 
 #define BLOCKS 6144
 #define SIZES 4                 /* block counts at which L1 is compared with a scan */
@@ -370,7 +371,7 @@ static void print_table(const char *title, const map_set *set, const row *rows, 
     print_row("maximum", &maximum, from, to);
 }
 
-static int fill(const map_set *set, int index, int points, row *out)
+static int fill(map_set *set, int index, int points, row *out)
 {
     image map;
 
@@ -389,7 +390,7 @@ static int fill(const map_set *set, int index, int points, row *out)
 int main(int argc, char **argv)
 {
     const int points = argc > 1 ? atoi(argv[1]) : 1000000;
-    const map_set set = map_set_find();
+    map_set set = map_set_find("figures");
     static row rows[MAP_SET_MAX];
     char title[512];
     int i;
@@ -401,6 +402,7 @@ int main(int argc, char **argv)
     for (i = 0; i < set.count; i++)
         if (!fill(&set, i, points, &rows[i]))
             return 1;
+    map_set_done(&set);
     printf("%d %s maps of 512x256, %d blocks\n", set.count, map_set_kind(&set), BLOCKS);
     print_table("WARP: excess variance by blocks; largest L/(pdf integral), cuts below a tile\n"
                 "expected and at most", &set, rows, FEW, ACROSS);

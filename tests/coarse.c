@@ -14,7 +14,7 @@
 #define ENVSAMP_IMPLEMENTATION
 #include HEADER
 
-#include "../tests/coarse.h"
+#include "coarse.h"
 
 #include <stdio.h>
 
