@@ -65,8 +65,7 @@ TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o)
 .PHONY: help demo check install lights sun-and-sky engine facing product render unbiased gallery \
         tables test bench samplers scale fuzz corpus mutants coverage figures facing-table \
         convergence halftone scene lamps coarse shapes builds targets importance least-squares \
-        left-out again numbers \
-        portability portability-setup data setup clean
+        left-out again numbers portability portability-setup data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
