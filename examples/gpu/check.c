@@ -6,14 +6,16 @@
  *     gpu_check -n 10000 --gl         fewer points; OpenGL 4.3 where ES 3.1 is the default
  *     gpu_check -m octahedral         by a shader that is built for one mapping
  *     gpu_check -s shaders            where envsamp.glsl and check.glsl are: examples/gpu
+ *     gpu_check --gl -v spirv         check_0.spv to check_7.spv of a folder: HLSL, compiled
+ *     gpu_check -d cases              also writes what check_wgsl.mjs reads
  *
  * Both sides make the same numbers, directions and normals. A line a table and way of sampling says
- * how many points differ: in their block; of these, how many are so near its edge that rounding has
- * decided; of those of the same block, how many in direction by more than 1e-5, in density by more
- * than 1e-5 relative, and in any bit. Then one word of the table is damaged on its way to the GPU,
- * and the comparison must see it. Exits with 1 if a point differs that is not at an edge, or if a
- * damage is not seen. It reads the inside of the
- * library for the block that a point is in, which users have no need of.
+ * how many points differ: in their block; of those of the same block, in direction by more than
+ * 1e-5, in density by more than 1e-5 relative; how many of all these rounding explains: C does the
+ * same, or as much, when the point is moved by a hair, 1e-6; and how many of the same block differ
+ * in any bit. Then one word of the table is damaged on its way to the GPU, and the comparison must
+ * see it. Exits with 1 if a point differs that rounding does not explain, or a damage is not seen.
+ * For the block that a point is in it reads the inside of the library, which users need not.
  */
 #define ENVSAMP_STATIC
 #define ENVSAMP_IMPLEMENTATION
@@ -34,6 +36,7 @@
 #define POINTS_MAX 4000000
 #define RESULT_WORDS 8
 #define DAMAGED_POINTS 100000           /* of each damaged table */
+#define HAIR 1e-6f
 #define TOLERANCE 1e-5
 #define SEED 1u
 
@@ -61,7 +64,7 @@ typedef struct table {
 
 typedef struct options {
     int points, desktop, mapping;       /* mapping -1: the shader takes that of the table */
-    const char *shaders, *table;
+    const char *shaders, *table, *spirv, *cases;
 } options;
 
 /* What is drawn at a point, and the block that it is from. */
@@ -70,7 +73,7 @@ typedef struct drawn { envsamp_sample s; uint32_t block; } drawn;
 typedef struct checker {
     gpu device;
     options wanted;
-    GLuint programs[MODE_COUNT];
+    GLuint programs[MODE_COUNT], settings;
     uint32_t *results;
     float *directions;
     drawn *expected;                    /* by C */
@@ -109,15 +112,16 @@ static uint32_t warp_block(const envsamp_kd *kd, float f[2])
 
 static uint32_t kd_block(const envsamp_kd *kd, float u0, float u1)
 {
+    envsamp__choice choice;
     float f[2];
 
     f[0] = envsamp__clamp_unit(u0);
     f[1] = envsamp__clamp_unit(u1);
     if (kd->select == ENVSAMP_KD_WARP)
         return warp_block(kd, f);
-    return (uint32_t)(sizeof *kd / 4) + 4
-         + 5 * (uint32_t)(kd->select == ENVSAMP_KD_ALIAS ? envsamp__alias_choose(kd, f[0], f[1])
-                                                         : envsamp__fit_choose(kd, f[0], f[1])).block;
+    choice = kd->select == ENVSAMP_KD_ALIAS ? envsamp__alias_choose(kd, f[0], f[1])
+                                            : envsamp__fit_choose(kd, f[0], f[1]);
+    return (uint32_t)(sizeof *kd / 4) + 5 * (uint32_t)choice.block + 4;
 }
 
 static uint32_t facing_block(const envsamp_kd *kd, const float normal[3], float u0, float u1)
@@ -209,59 +213,55 @@ static void make_directions(const checker *c, const table *t)
 
 /* ---- comparing ---- */
 
-/* Points that differ: in their block; of these, those within a hair of its edge; of those of the
-   same block, in direction, density, or any bit. The largest differences are of these, too. */
+/* Points that differ: in their block; of the same block, in direction, density, or any bit.
+   differ: in one of the first three; rounded: of these, those of which C says the same, or does as
+   much, when the point is moved by HAIR. */
 typedef struct tally {
-    long points, blocks, edges, dirs, pdfs, bits;
-    double worst_dir, worst_pdf;
+    long points, blocks, dirs, pdfs, bits, differ, rounded;
+    double worst_dir, worst_pdf;        /* of the same block */
 } tally;
 
-static double pdf_error(float a, float b)
+static double pdf_gap(float a, float b)
 {
     const double most = fmax((double)a, (double)b);
+    const double gap = a == b ? 0.0 : fabs((double)a - (double)b) / most;
 
-    return a == b ? 0.0 : most > 0.0 ? fabs((double)a - (double)b) / most : HUGE_VAL;
+    return gap <= 1.0 ? gap : 1.0;      /* a NaN, too */
 }
 
-static void compare_point(const uint32_t *result, const drawn *d, tally *sum)
+static double dir_gap(const float a[3], const float b[3])
 {
-    double dir = 0.0, density = pdf_error(envsamp__bits_float(result[3]), d->s.pdf);
-    int same = envsamp__float_bits(d->s.pdf) == result[3];
+    double most = 0.0;
 
     for (int k = 0; k < 3; k++) {
-        const double gap = (double)envsamp__bits_float(result[k]) - (double)d->s.dir[k];
+        const double gap = fabs((double)a[k] - (double)b[k]);
 
-        same &= envsamp__float_bits(d->s.dir[k]) == result[k];
-        dir = fabs(gap) <= dir ? dir : fabs(gap) <= DBL_MAX ? fabs(gap) : HUGE_VAL;
+        most = gap <= most ? most : gap <= 2.0 ? gap : 2.0;
     }
-    for (int k = 0; k < 2; k++)
-        same &= envsamp__float_bits(d->s.uv[k]) == result[4 + k];
-    density = density >= 0.0 ? density : HUGE_VAL;      /* a NaN */
-    sum->bits += !same;
-    sum->dirs += dir > TOLERANCE;
-    sum->pdfs += density > TOLERANCE;
-    sum->worst_dir = fmax(sum->worst_dir, dir);
-    sum->worst_pdf = fmax(sum->worst_pdf, density);
+    return most;
 }
 
-static float nudge(float x, int way)
+/* Whether C comes to what the shader does, or as far, for a point moved by HAIR each way. */
+static int is_rounding(const table *t, int mode, const point *at, const drawn *by_c,
+                       const drawn *by_gpu)
 {
-    return x + (float)way * fmaxf(4.0f * FLT_EPSILON * fabsf(x), FLT_EPSILON * FLT_EPSILON);
-}
-
-/* Whether C draws the shader's block where the point is moved by 4 units in the last place: then
-   rounding has decided. */
-static int is_at_edge(const table *t, int mode, const point *at, uint32_t block)
-{
+    const float most = fmaxf(fmaxf(fabsf(at->dir[0]), fabsf(at->dir[1])), fabsf(at->dir[2]));
+    const double dir = dir_gap(by_c->s.dir, by_gpu->s.dir), pdf = pdf_gap(by_c->s.pdf,
+                                                                         by_gpu->s.pdf);
     for (int i = 0; i < 27; i++) {
+        const float way[3] = { HAIR * (float)(i % 3 - 1), HAIR * (float)(i / 3 % 3 - 1),
+                               HAIR * (float)(i / 9 - 1) };
         point p = *at;
-        const int way[3] = { i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1 };
+        drawn d;
 
         for (int k = 0; k < 3; k++)
-            p.dir[k] = nudge(p.dir[k], way[k]);
+            p.dir[k] += way[k] * most;
         for (int k = 0; k < 2; k++)
-            p.u[k] = nudge(p.u[k], way[k]);
-        if (draw_in_c(t, mode, &p).block == block)
+            p.u[k] = envsamp__clamp_unit(p.u[k]) + way[k];
+        d = draw_in_c(t, mode, &p);
+        if ((d.block == by_gpu->block || by_c->block == by_gpu->block)
+            && dir <= dir_gap(d.s.dir, by_c->s.dir) + TOLERANCE
+            && pdf <= pdf_gap(d.s.pdf, by_c->s.pdf) + TOLERANCE)
             return 1;
     }
     return 0;
@@ -273,17 +273,31 @@ static tally compare(const checker *c, const table *t, int mode, int count)
     tally sum;
 
     memset(&sum, 0, sizeof sum);
-    for (sum.points = 0; sum.points < count; sum.points++) {
+    for (; sum.points < count; sum.points++) {
         const uint32_t *result = &c->results[RESULT_WORDS * sum.points];
         const drawn *expected = &c->expected[sum.points];
+        drawn d;
+        double dir, pdf;
 
-        if (result[6] == expected->block) {
-            compare_point(result, expected, &sum);
-        } else {
+        memcpy(d.s.dir, result, sizeof d.s.dir);
+        memcpy(&d.s.pdf, result + 3, sizeof d.s.pdf);
+        memcpy(d.s.uv, result + 4, sizeof d.s.uv);
+        d.block = result[6];
+        dir = dir_gap(d.s.dir, expected->s.dir);
+        pdf = pdf_gap(d.s.pdf, expected->s.pdf);
+        sum.bits += d.block == expected->block && memcmp(&d.s, &expected->s, sizeof d.s) != 0;
+        sum.blocks += d.block != expected->block;
+        sum.dirs += d.block == expected->block && dir > TOLERANCE;
+        sum.pdfs += d.block == expected->block && pdf > TOLERANCE;
+        if (d.block == expected->block) {
+            sum.worst_dir = fmax(sum.worst_dir, dir);
+            sum.worst_pdf = fmax(sum.worst_pdf, pdf);
+        }
+        if (d.block != expected->block || dir > TOLERANCE || pdf > TOLERANCE) {
             const point p = make_point(c, (uint32_t)sum.points);
 
-            sum.blocks++;
-            sum.edges += is_at_edge(t, mode, &p, result[6]);
+            sum.differ++;
+            sum.rounded += is_rounding(t, mode, &p, expected, &d);
         }
     }
     return sum;
@@ -292,13 +306,13 @@ static tally compare(const checker *c, const table *t, int mode, int count)
 /* Runs a program over the first `count` points. */
 static int run(const checker *c, int mode, GLuint table_buffer, GLuint result_buffer, int count)
 {
-    const GLuint program = c->programs[mode];
     const size_t bytes = (size_t)count * RESULT_WORDS * 4;
+    const uint32_t settings[2] = { SEED, (uint32_t)count };
 
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, table_buffer);
-    glUseProgram(program);
-    glUniform1ui(glGetUniformLocation(program, "seed"), SEED);
-    glUniform1ui(glGetUniformLocation(program, "count"), (GLuint)count);
+    glBindBuffer(GL_SHADER_STORAGE_BUFFER, c->settings);
+    glBufferSubData(GL_SHADER_STORAGE_BUFFER, 0, sizeof settings, settings);
+    glUseProgram(c->programs[mode]);
     glDispatchCompute(((GLuint)count + 63) / 64, 1, 1);
     return gpu_read(result_buffer, c->results, bytes) && glGetError() == GL_NO_ERROR;
 }
@@ -328,7 +342,7 @@ static size_t damaged_word(const table *t, int mode, uint32_t *flip)
     return offsetof(envsamp_kd, alias_at) / 4;
 }
 
-/* Whether the comparison sees a damaged word. It stays in the buffers: nothing is read elsewhere. */
+/* Whether the comparison sees a damaged word. The shader stays within the buffer all the same. */
 static int damage_is_seen(checker *c, const table *t, int mode, GLuint result_buffer)
 {
     uint32_t *words = malloc(t->bytes + 3), flip;
@@ -346,10 +360,41 @@ static int damage_is_seen(checker *c, const table *t, int mode, GLuint result_bu
     free(words);
     if (buffer && run(c, mode, buffer, result_buffer, count)) {
         sum = compare(c, t, mode, count);
-        seen = sum.blocks - sum.edges + sum.pdfs > 0;
+        seen = sum.differ > sum.rounded;
     }
     glDeleteBuffers(1, &buffer);
     return seen;
+}
+
+/* What check_wgsl.mjs reads. */
+static int write_case(const checker *c, const char *name, const table *t, int mode, char *error)
+{
+    const uint32_t points = (uint32_t)c->wanted.points, spare = 0;
+    const uint32_t head[4] = { (uint32_t)mode, points, (uint32_t)((t->bytes + 3) / 4), SEED };
+    char path[IMAGE_PATH_MAX];
+    FILE *file;
+    int good;
+
+    snprintf(path, sizeof path, "%s/%s_%s_%s_%d.case", c->wanted.cases, name,
+             mapping_names[t->mapping], t->select, mode);
+    if (!(file = fopen(path, "wb")))
+        return image_fail(error, ERROR_SIZE, path, "cannot be created");
+    fwrite(head, sizeof head, 1, file);
+    fwrite(t->data, t->bytes, 1, file);
+    fwrite(&spare, 4 * head[2] - t->bytes, 1, file);
+    fwrite(c->directions, 12, points, file);
+    for (uint32_t i = 0; i < points; i++) {
+        uint32_t result[RESULT_WORDS] = { 0 };
+
+        memcpy(result, c->expected[i].s.dir, 12);
+        memcpy(result + 3, &c->expected[i].s.pdf, 4);
+        memcpy(result + 4, c->expected[i].s.uv, 8);
+        result[6] = c->expected[i].block;
+        fwrite(result, sizeof result, 1, file);
+    }
+    good = !ferror(file);
+    good &= fclose(file) == 0;
+    return good || image_fail(error, ERROR_SIZE, path, "cannot be written in full");
 }
 
 static int check_mode(checker *c, const char *name, const table *t, int mode, GLuint table_buffer,
@@ -369,10 +414,11 @@ static int check_mode(checker *c, const char *name, const table *t, int mode, GL
     seen = damage_is_seen(c, t, mode, result_buffer);
     printf("%-12.12s %-10s %-5s %-14s %8ld %6ld %6ld %6ld %6ld %8ld %8.1e %8.1e  %s\n", name,
            mapping_names[t->mapping], t->select, mode_names[mode], sum.points, sum.blocks,
-           sum.edges, sum.dirs, sum.pdfs, sum.bits, sum.worst_dir, sum.worst_pdf, seen ? "seen" : "NOT SEEN");
+           sum.dirs, sum.pdfs, sum.rounded, sum.bits, sum.worst_dir, sum.worst_pdf,
+           seen ? "seen" : "NOT SEEN");
     fflush(stdout);
-    c->failures += sum.blocks - sum.edges + sum.dirs + sum.pdfs + !seen;
-    return 1;
+    c->failures += sum.differ - sum.rounded + !seen;
+    return !c->wanted.cases || write_case(c, name, t, mode, error);
 }
 
 /* Whether the shader can sample the table, by what it says itself. */
@@ -387,7 +433,7 @@ static int table_fits(checker *c, const char *name, const table *t, GLuint table
 
     if (!run(c, t->kd ? KD_PROBLEM : CDF_PROBLEM, table_buffer, result_buffer, 1))
         return image_fail(error, ERROR_SIZE, name, "the device fails to run the shader");
-    problem = c->results[0];
+    problem = c->results[6];
     if (problem == 0)
         return 1;
     if (problem == 3)
@@ -552,6 +598,24 @@ static char *read_text(const char *folder, const char *name, char *error)
     return text;
 }
 
+static int load_spirv(checker *c, char *error)
+{
+    int mode, good = 1;
+
+    for (mode = 0; mode < MODE_COUNT && good; mode++) {
+        char path[IMAGE_PATH_MAX];
+        size_t bytes = 0;
+        unsigned char *words;
+
+        snprintf(path, sizeof path, "%s/check_%d.spv", c->wanted.spirv, mode);
+        words = image_read_bytes(path, &bytes, error, ERROR_SIZE);
+        c->programs[mode] = words ? gpu_program_spirv(words, bytes, path, error, ERROR_SIZE) : 0;
+        good = c->programs[mode] != 0;
+        free(words);
+    }
+    return good;
+}
+
 static int compile(checker *c, char *error)
 {
     char *library = read_text(c->wanted.shaders, "envsamp.glsl", error);
@@ -563,7 +627,7 @@ static int compile(checker *c, char *error)
     if (c->wanted.mapping >= 0)
         snprintf(mapping, sizeof mapping, "#define ENVSAMP_MAPPING %du\n", c->wanted.mapping);
     for (mode = 0; mode < MODE_COUNT && good; mode++) {
-        snprintf(defines, sizeof defines, "%s#define CHECK_MODE %d\n#line 1\n", mapping, mode);
+        snprintf(defines, sizeof defines, "%s#define CHECK_MODE %du\n#line 1\n", mapping, mode);
         texts[0] = defines;
         texts[1] = library;
         texts[2] = body;
@@ -588,9 +652,10 @@ static int read_options(int argc, char **argv, options *o, int *first, char *err
             o->desktop = 1;
             continue;
         }
-        if (!letter || argv[i][2] || !strchr("nmst", letter) || !value)
+        if (!letter || argv[i][2] || !strchr("nmstvd", letter) || !value)
             return image_fail(error, ERROR_SIZE, argv[i], "usage: gpu_check [-n POINTS] [--gl] "
-                              "[-m MAPPING] [-s SHADERS] [-t TABLE] [MAP ...]");
+                              "[-m MAPPING] [-s SHADERS] [-t TABLE] [-v SPIRV] [-d CASES] "
+                              "[MAP ...]");
         i++;
         if (letter == 'n' && ((o->points = atoi(value)) < 1 || o->points > POINTS_MAX))
             return image_fail(error, ERROR_SIZE, value, "points: 1 to %d", POINTS_MAX);
@@ -598,6 +663,10 @@ static int read_options(int argc, char **argv, options *o, int *first, char *err
             o->shaders = value;
         if (letter == 't')
             o->table = value;
+        if (letter == 'd')
+            o->cases = value;
+        if (letter == 'v')
+            o->spirv = value;
         if (letter == 'm') {
             for (o->mapping = 2; o->mapping >= 0; o->mapping--)
                 if (!strcmp(value, mapping_names[o->mapping]))
@@ -615,8 +684,8 @@ static int check_all(checker *c, int count, char **names, char *error)
 {
     int i, good = 1;
 
-    printf("%s\n%-12s %-10s %-5s %-14s %8s %6s %6s %6s %6s %8s %8s %8s  %s\n", c->device.name, "map",
-           "mapping", "table", "", "points", "blocks", "edges", "dirs", "pdfs", "bits", "dir", "pdf",
+    printf("%s\n%-12s %-10s %-5s %-14s %8s %6s %6s %6s %6s %8s %8s %8s  %s\n", c->device.name,
+           "map", "mapping", "table", "", "points", "blocks", "dirs", "pdfs", "hair", "bits", "dir", "pdf",
            "damage");
     if (c->wanted.table)
         return check_file(c, c->wanted.table, error);
@@ -645,8 +714,9 @@ int main(int argc, char **argv)
     c.results = malloc((size_t)c.wanted.points * RESULT_WORDS * 4);
     c.directions = malloc((size_t)c.wanted.points * 12);
     c.expected = malloc((size_t)c.wanted.points * sizeof *c.expected);
-    good = c.results && c.directions && c.expected
-         ? compile(&c, error) : image_fail(error, sizeof error, argv[0], "not enough memory");
+    c.settings = gpu_buffer(3, NULL, 8);
+    good = c.results && c.directions && c.expected && c.settings
+         ? (c.wanted.spirv ? load_spirv(&c, error) : compile(&c, error)) : image_fail(error, sizeof error, argv[0], "not enough memory");
     if (good && first < argc)
         good = check_all(&c, argc - first, argv + first, error);
     else if (good)

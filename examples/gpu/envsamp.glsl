@@ -70,7 +70,7 @@ const uint ENVSAMP_INNER = 0x80000000u;         /* of a link: not a density */
 const uint ENVSAMP_SIZE = 0x7fffffffu;          /* bits of a float without its sign */
 const float ENVSAMP_UNIT = 16777216.0;          /* 2^24 */
 const float ENVSAMP_TINY = 1.17549435e-38;      /* the least normal float, */
-const float ENVSAMP_MOST = 3.40282347e+38;      /* and the largest */
+const float ENVSAMP_MOST = 3.40282346e+38;      /* and the largest */
 
 /* dir: unit. pdf: per steradian. uv: where in the map. block: what was drawn, as the place of its
    density in words; of cdf, of its texel's edge. */
@@ -102,9 +102,9 @@ float envsamp_sign(float size, uint negative)
     return uintBitsToFloat((floatBitsToUint(size) & ENVSAMP_SIZE) | (negative << 31u));
 }
 
-float envsamp_copy_sign(float size, float from)
+float envsamp_copy_sign(float size, float other)
 {
-    return envsamp_sign(size, floatBitsToUint(from) >> 31u);
+    return envsamp_sign(size, floatBitsToUint(other) >> 31u);
 }
 
 /* |x|, but no more than `most`: that for a NaN. */
@@ -221,7 +221,8 @@ float envsamp_sin_quarter(float t)
     ENVSAMP_PRECISE float s = t * t;
     ENVSAMP_PRECISE float s2 = s * s;
     ENVSAMP_PRECISE float sine = t * ((1.57079625 - s * 0.645963371)
-                                    + s2 * (0.0796884820 - s * 0.00467222789 + s2 * 0.000150820561));
+                                    + s2 * (0.0796884820 - s * 0.00467222789
+                                    + s2 * 0.000150820561));
 
     return sine;
 }
@@ -334,8 +335,8 @@ vec3 envsamp_grid_coords(uint mapping, vec3 dir, float r)
         return vec3(0.0, 0.0, 0.0);
     }
     if (mapping == ENVSAMP_OCTAHEDRAL) {
-        vec2 uv = envsamp_octahedral_uv(vec3(envsamp_plus_zero(dir.x), envsamp_plus_zero(dir.y),
-                                             dir.z), r);
+        vec3 plain = vec3(envsamp_plus_zero(dir.x), envsamp_plus_zero(dir.y), dir.z);
+        vec2 uv = envsamp_octahedral_uv(plain, r);
 
         return vec3(4.0 * uv.x, 2.0 * uv.y, 1.0);
     }
@@ -478,17 +479,17 @@ envsamp_choice envsamp_alias_choose(float u0, float u1)
     uint y = uint(u1 * ENVSAMP_UNIT);
     uint bin = ((y >> shift) & (0xffffffffu << bits_x)) | column;
     uint entry = envsamp_word((envsamp_word(ENVSAMP_KD_ALIAS_AT) >> 2u) + bin);
-    uint alias = entry & (0xffffffu >> shift);
-    uint own = entry ^ alias;                       /* of 2^24 */
+    uint block = entry & (0xffffffu >> shift);
+    uint own = entry ^ block;                       /* of 2^24 */
     uint mixed = (y << (32u - (shift + bits_x))) ^ (~bin * 0x9e3779b9u);
     uint place = mixed >> 8u;
     ENVSAMP_PRECISE float fy = float(place - own) / float(0x1000000u - own);
 
     if (place < own) {
         fy = float(own - place) / float(own);
-        alias = bin;
+        block = bin;
     }
-    return envsamp_choice(alias, across - float(column), fy);
+    return envsamp_choice(block, across - float(column), fy);
 }
 
 /* a * b, the upper 32 bits first, by halves: not every language has the whole product. */
@@ -594,8 +595,9 @@ envsamp_choice envsamp_fit_choose(float u0, float u1)
 
     x = envsamp_at_most(max(x, 0.0), end);
     uint block = uint(x);
+    float fx = envsamp_fit_position(x - float(block), alpha + float(block));
 
-    return envsamp_choice(block, envsamp_fit_position(x - float(block), alpha + float(block)), u1);
+    return envsamp_choice(block, fx, u1);
 }
 
 /* ---- kd ---- */
@@ -697,7 +699,7 @@ struct envsamp_walk {
     uint side;
 };
 
-envsamp_normal envsamp_make_normal(vec3 normal)
+envsamp_normal envsamp_prepare_normal(vec3 normal)
 {
     uint x = floatBitsToUint(normal.x) & ENVSAMP_SIZE;
     uint y = floatBitsToUint(normal.y) & ENVSAMP_SIZE;
@@ -827,7 +829,7 @@ vec3 envsamp_facing_warp(envsamp_normal n, float u0, float u1)
    and of a table without `facing`. */
 envsamp_sample envsamp_kd_sample_facing(vec3 normal, float u0, float u1)
 {
-    envsamp_normal n = envsamp_make_normal(normal);
+    envsamp_normal n = envsamp_prepare_normal(normal);
     vec3 f = vec3(envsamp_clamp_unit(u0), envsamp_clamp_unit(u1), 1.0);
 
     if (n.valid) {
@@ -841,7 +843,7 @@ envsamp_sample envsamp_kd_sample_facing(vec3 normal, float u0, float u1)
 
 float envsamp_kd_pdf_facing(vec3 normal, vec3 dir)
 {
-    envsamp_normal n = envsamp_make_normal(normal);
+    envsamp_normal n = envsamp_prepare_normal(normal);
     uvec3 density = envsamp_kd_density(dir);
     uvec2 place = density.xy;
     float pdf = uintBitsToFloat(density.z);
@@ -931,7 +933,8 @@ uint envsamp_cdf_find(uint edges, uint guide, uint bits, uint draw)
     uint low = envsamp_cdf_half(guide + cell);
     uint edge = edges + low;
 
-    low = low + uint(envsamp_cdf_word(edge + 1u) <= draw) + uint(envsamp_cdf_word(edge + 2u) <= draw)
+    low = low + uint(envsamp_cdf_word(edge + 1u) <= draw)
+        + uint(envsamp_cdf_word(edge + 2u) <= draw)
         + uint(envsamp_cdf_word(edge + 3u) <= draw) + uint(envsamp_cdf_word(edge + 4u) <= draw);
     if (envsamp_cdf_word(edges + low + 1u) > draw) {
         return low;
@@ -980,8 +983,9 @@ float envsamp_cdf_density(uint column, uint row, uint edge)
 /* How far from one edge to the next a draw is, from its middle. */
 float envsamp_cdf_fraction(uint edge, uint draw)
 {
-    uint from = envsamp_cdf_word(edge);
-    ENVSAMP_PRECISE float f = (float(draw - from) + 0.5) / float(envsamp_cdf_word(edge + 1u) - from);
+    uint first = envsamp_cdf_word(edge);
+    uint parts = envsamp_cdf_word(edge + 1u) - first;
+    ENVSAMP_PRECISE float f = (float(draw - first) + 0.5) / float(parts);
 
     return f;
 }

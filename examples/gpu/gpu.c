@@ -10,6 +10,7 @@
 
 #define GPU_DEVICES_MAX 16
 #define GPU_TEXTS_MAX 8
+#define GPU_SPIRV 0x9551            /* GL_SHADER_BINARY_FORMAT_SPIR_V */
 
 /* ---- contexts ---- */
 
@@ -88,21 +89,12 @@ static int gpu_fail(GLuint shader, GLuint program, const char *path, char *error
     return 0;
 }
 
-GLuint gpu_program(const gpu *device, const char *const *texts, int count, const char *path,
-                   char *error, size_t error_size)
+/* Links what has been compiled. */
+static GLuint gpu_link(GLuint shader, const char *path, char *error, size_t error_size)
 {
-    const char *all[GPU_TEXTS_MAX + 1];
-    GLuint shader = glCreateShader(GL_COMPUTE_SHADER), program;
     GLint good = 0;
-    int i;
+    GLuint program;
 
-    all[0] = device->desktop ? "#version 430\n" : "#version 310 es\n"
-             "#extension GL_EXT_gpu_shader5 : enable\n"
-             "precision highp float;\nprecision highp int;\n";
-    for (i = 0; i < count && i < GPU_TEXTS_MAX; i++)
-        all[i + 1] = texts[i];
-    glShaderSource(shader, i + 1, all, NULL);
-    glCompileShader(shader);
     glGetShaderiv(shader, GL_COMPILE_STATUS, &good);
     if (!good)
         return (GLuint)gpu_fail(shader, 0, path, error, error_size);
@@ -114,6 +106,38 @@ GLuint gpu_program(const gpu *device, const char *const *texts, int count, const
         return (GLuint)gpu_fail(shader, program, path, error, error_size);
     glDeleteShader(shader);
     return program;
+}
+
+GLuint gpu_program(const gpu *device, const char *const *texts, int count, const char *path,
+                   char *error, size_t error_size)
+{
+    const char *all[GPU_TEXTS_MAX + 1];
+    const GLuint shader = glCreateShader(GL_COMPUTE_SHADER);
+    int i;
+
+    all[0] = device->desktop ? "#version 430\n" : "#version 310 es\n"
+             "#extension GL_EXT_gpu_shader5 : enable\n"
+             "precision highp float;\nprecision highp int;\n";
+    for (i = 0; i < count && i < GPU_TEXTS_MAX; i++)
+        all[i + 1] = texts[i];
+    glShaderSource(shader, i + 1, all, NULL);
+    glCompileShader(shader);
+    return gpu_link(shader, path, error, error_size);
+}
+
+GLuint gpu_program_spirv(const void *words, size_t bytes, const char *path, char *error,
+                         size_t error_size)
+{
+    typedef void (GL_APIENTRYP specialize_fn)(GLuint, const char *, GLuint, const GLuint *,
+                                              const GLuint *);
+    const specialize_fn specialize = (specialize_fn)eglGetProcAddress("glSpecializeShaderARB");
+    const GLuint shader = glCreateShader(GL_COMPUTE_SHADER);
+
+    glShaderBinary(1, &shader, GPU_SPIRV, words, (GLsizei)bytes);
+    if (!specialize || glGetError() != GL_NO_ERROR)
+        return (GLuint)gpu_fail(shader, 0, path, error, error_size);
+    specialize(shader, "main", 0, NULL, NULL);
+    return gpu_link(shader, path, error, error_size);
 }
 
 /* ---- buffers ---- */

@@ -34,6 +34,10 @@ void gpu_close(gpu *device);
 GLuint gpu_program(const gpu *device, const char *const *texts, int count, const char *path,
                    char *error, size_t error_size);
 
+/* The same of SPIR-V, with `main` as its entry: OpenGL with ARB_gl_spirv. */
+GLuint gpu_program_spirv(const void *words, size_t bytes, const char *path, char *error,
+                         size_t error_size);
+
 /* data NULL: not set. 0 where the device has not that much memory. */
 GLuint gpu_buffer(GLuint binding, const void *data, size_t bytes);
 int gpu_read(GLuint buffer, void *data, size_t bytes);
