@@ -36,10 +36,14 @@ EMBREE       := $(firstword $(foreach version,3 4,$(if $(wildcard \
 RENDER_LIBS   = -l$(or $(EMBREE),embree3) $(EXR_LIBS) -pthread $(LIBM)
 RENDER_PARTS := scene shapes material environment inversion integrator lights upsample product tiles
 
+# Tables on a GPU, built and tested where EGL and OpenGL ES 3.1 are.
+HAVE_EGL = $(and $(wildcard /usr/include/EGL/egl.h),$(wildcard /usr/include/GLES3/gl31.h))
+GPU_LIBS = -lEGL -lGLESv2 $(LIBM)
+
 COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
 EXAMPLES := $(addprefix $(BUILD)/, quickstart path_tracer lights halftone table_file placement \
               lights_gallery facing_gallery product demo_exr \
-              $(if $(EMBREE),render render_unbiased render_tables))
+              $(if $(EMBREE),render render_unbiased render_tables) $(if $(HAVE_EGL),gpu_check))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard examples/common/*.h examples/render/*.h tests/*.h bench/*.h)
@@ -64,7 +68,7 @@ TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o)
 .PHONY: help demo check install lights facing product render unbiased gallery tables test bench \
         scale fuzz corpus mutants coverage figures facing-table convergence halftone scene lamps \
         coarse shapes builds targets importance least-squares left-out again portability \
-        portability-setup data setup clean
+        portability-setup gpu data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -178,6 +182,12 @@ portability:  ## compilers x machines x standards: the same bits, in one table
 portability-setup:  ## install the compilers and emulators for it that Debian has
 	@sh tests/setup_portability.sh
 
+# Without a GPU Mesa computes; a quarter of an hour on two cores. POINTS=100000: fewer than 10^6.
+gpu:  ## tables sampled in GLSL, HLSL and WGSL beside C, over made-up and real maps
+	@sh tests/setup_gpu.sh $(BUILD)
+	@$(MAKE) --no-print-directory $(BUILD)/gpu_check
+	sh examples/gpu/check.sh $(BUILD) $(or $(POINTS),1000000) $(wildcard $(DATA)/*.pfm)
+
 figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; POINTS=10000000
 	$(BUILD)/figures $(POINTS)
 
@@ -283,6 +293,10 @@ $(BUILD)/demo: bench/demo.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
 $(BUILD)/demo_exr: bench/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(BUILD)/baselines.o $(EXR_OBJECTS) \
 	    $(EXR_LIBS) $(LIBM) -o $@
+
+$(BUILD)/gpu_check: $(addprefix examples/gpu/, check.c gpu.c gpu.h) \
+                    $(addprefix $(BUILD)/, image.o hdr.o maps.o) $(HEADERS)
+	$(COMPILE) $(filter %.c %.o,$^) $(GPU_LIBS) -o $@
 
 # Alone, as a user has it.
 $(BUILD)/quickstart: $(addprefix examples/, quickstart.c common/image.c common/hdr.c) $(HEADERS) \

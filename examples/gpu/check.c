@@ -327,8 +327,12 @@ static size_t damaged_word(const table *t, int mode, uint32_t *flip)
         *flip = 4;                      /* edges one word off */
         return offsetof(envsamp_cdf, edges_at) / 4;
     }
-    if (mode == KD_PDF)
+    if (mode == KD_PDF && t->kd->block_count > 1)
         return offsetof(envsamp_kd, grid_bits_x) / 4;
+    if (mode == KD_PDF) {
+        *flip = 0x400000;               /* the density in half of the map */
+        return t->kd->grid_at / 4;
+    }
     *flip = 0x80000000u;
     if (mode == FACING_PDF || mode == FACING_SAMPLE)
         return t->kd->facing_at / 4 + 22;               /* the sign of a moment */

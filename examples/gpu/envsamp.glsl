@@ -44,10 +44,11 @@ layout(std430, binding = ENVSAMP_BINDING) readonly buffer envsamp_table { uint e
 #ifndef ENVSAMP_MAPPING
 #define ENVSAMP_MAPPING 3u              /* as the table says */
 #endif
-#if !defined(GL_ES) || __VERSION__ >= 320 || defined(GL_EXT_gpu_shader5)
+#ifdef ENVSAMP_PRECISE
+#elif !defined(GL_ES) || __VERSION__ >= 320
 #define ENVSAMP_PRECISE precise         /* not contracted: the same bits as in C */
 #else
-#define ENVSAMP_PRECISE
+#define ENVSAMP_PRECISE                 /* or precise, with extension GL_EXT_gpu_shader5 */
 #endif
 
 uint envsamp_word(uint at)

@@ -116,7 +116,8 @@ GLuint gpu_program(const gpu *device, const char *const *texts, int count, const
     int i;
 
     all[0] = device->desktop ? "#version 430\n" : "#version 310 es\n"
-             "#extension GL_EXT_gpu_shader5 : enable\n"
+             "#ifdef GL_EXT_gpu_shader5\n#extension GL_EXT_gpu_shader5 : enable\n"
+             "#define ENVSAMP_PRECISE precise\n#endif\n"
              "precision highp float;\nprecision highp int;\n";
     for (i = 0; i < count && i < GPU_TEXTS_MAX; i++)
         all[i + 1] = texts[i];

@@ -1,0 +1,58 @@
+#!/bin/sh
+# check.sh: all shaders beside C, by gpu_check and check_wgsl.mjs: what `make gpu` runs.
+#
+#     sh examples/gpu/check.sh BUILD POINTS MAP...
+#
+# BUILD has gpu_check, and node_modules/webgpu or no WGSL. GLSL ES runs over all maps, the made-up
+# ones in all mappings; OpenGL's GLSL, HLSL and WGSL over two made-up maps. Exits with 1 if a part
+# fails; what is not installed is skipped by name.
+set -u
+build=$1
+points=$2
+shift 2
+gpu=$(dirname "$0")
+work=$build/gpu
+failed=0
+mkdir -p "$work" || exit 1
+
+part() { echo; echo "== $1"; }
+
+part "GLSL, OpenGL ES 3.1"
+"$build/gpu_check" -n "$points" sky studio constant night foliage "$@" || failed=1
+
+part "GLSL, OpenGL 4.3"
+"$build/gpu_check" --gl -n "$points" sky night || failed=1
+
+# spirv FOLDER: check_0.spv to check_7.spv.
+spirv()
+{
+    perl "$gpu/translate.pl" hlsl < "$gpu/check.glsl" > "$1/check.hlsl" || return 1
+    for mode in 0 1 2 3 4 5 6 7; do
+        { echo "#define CHECK_MODE ${mode}u"; cat "$gpu/envsamp.hlsl" "$1/check.hlsl"; } \
+            > "$1/mode.hlsl"
+        glslangValidator -D -V -S comp -e main "$1/mode.hlsl" -o "$1/check_$mode.spv" || return 1
+    done > "$1/log" || { cat "$1/log"; return 1; }
+}
+
+part "HLSL, as SPIR-V in OpenGL"
+if ! command -v glslangValidator >/dev/null; then
+    echo "skipped: no glslangValidator"
+elif spirv "$work"; then
+    "$build/gpu_check" --gl -v "$work" -n "$points" sky night || failed=1
+else
+    failed=1
+fi
+
+part "WGSL, by Dawn"
+if [ ! -d "$build/node_modules/webgpu" ] || ! command -v node >/dev/null; then
+    echo "skipped: no webgpu in $build/node_modules"
+else
+    rm -f "$work"/*.case
+    perl "$gpu/translate.pl" wgsl < "$gpu/check.glsl" > "$work/check.wgsl" \
+        && "$build/gpu_check" -n "$((points < 100000 ? points : 100000))" -d "$work" sky night >/dev/null \
+        && { here=$(pwd); cd "$build" && EGL_PLATFORM=surfaceless node \
+             "$here/$gpu/check_wgsl.mjs" "$here/$work/check.wgsl" "$here/$work"; }
+    status=$?
+    [ $status = 2 ] || [ $status = 0 ] || failed=1
+fi
+exit $failed
