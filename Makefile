@@ -38,6 +38,7 @@ RENDER_PARTS := scene shapes material environment inversion integrator lights up
 
 # Tables on a GPU, built and tested where EGL and OpenGL ES 3.1 are.
 HAVE_EGL = $(and $(wildcard /usr/include/EGL/egl.h),$(wildcard /usr/include/GLES3/gl31.h))
+NVCC    := $(firstword $(wildcard $(shell command -v nvcc 2>/dev/null) /usr/local/cuda/bin/nvcc))
 GPU_LIBS = -lEGL -lGLESv2 $(LIBM)
 
 COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
@@ -51,7 +52,7 @@ TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
 LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh render.sh bits.sh fast_math.sh \
-              stack.sh) \
+              stack.sh gpu.sh) \
             $(addprefix $(BUILD)/test_, lights_lamps kd_statistics kd_fit halftone cdf kd_warp \
               kd_exact kd_facing kd_table bilinear coarse lights_cuts lights lights_decomposed \
               kd_layout steps mapping placement)
@@ -68,7 +69,7 @@ TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o)
 .PHONY: help demo check install lights facing product render unbiased gallery tables test bench \
         scale fuzz corpus mutants coverage figures facing-table convergence halftone scene lamps \
         coarse shapes builds targets importance least-squares left-out again portability \
-        portability-setup gpu data setup clean
+        portability-setup gpu gpu-bench data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -188,6 +189,9 @@ gpu:  ## tables sampled in GLSL, HLSL and WGSL beside C, over made-up and real m
 	@$(MAKE) --no-print-directory $(BUILD)/gpu_check
 	sh examples/gpu/check.sh $(BUILD) $(or $(POINTS),1000000) $(wildcard $(DATA)/*.pfm)
 
+gpu-bench: $(if $(NVCC),$(BUILD)/gpu_bench)  ## samples a second on a CUDA device; MAP=file
+	@$(if $(NVCC),$(BUILD)/gpu_bench $(MAP_WORD),echo "samples a second: not measured, no nvcc")
+
 figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; POINTS=10000000
 	$(BUILD)/figures $(POINTS)
 
@@ -297,6 +301,10 @@ $(BUILD)/demo_exr: bench/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS)
 $(BUILD)/gpu_check: $(addprefix examples/gpu/, check.c gpu.c gpu.h) \
                     $(addprefix $(BUILD)/, image.o hdr.o maps.o) $(HEADERS)
 	$(COMPILE) $(filter %.c %.o,$^) $(GPU_LIBS) -o $@
+
+$(BUILD)/gpu_bench: examples/gpu/bench.cu $(addprefix $(BUILD)/, baselines.o image.o hdr.o maps.o) \
+                    $(HEADERS)
+	$(SAY)$(or $(NVCC),nvcc) -O3 -I. $(filter %.cu %.o,$^) -o $@
 
 # Alone, as a user has it.
 $(BUILD)/quickstart: $(addprefix examples/, quickstart.c common/image.c common/hdr.c) $(HEADERS) \

@@ -57,7 +57,8 @@ texel='uniform usamplerBuffer table;\n#define ENVSAMP_WORD(at) texelFetch(table,
 uniform='layout(std140, binding = 0) uniform block { uvec4 table[1024]; };
 #define ENVSAMP_WORD(at) table[(at) >> 2u][(at) & 3u]'
 several='layout(std430, binding = 0) readonly buffer tables { uint words[]; };
-const uint table_at = 64u;\n#define ENVSAMP_WORD(at) words[table_at + (at)]\n#define ENVSAMP_CDF_WORD(at) words[at]'
+const uint table_at = 64u;\n#define ENVSAMP_WORD(at) words[table_at + (at)]
+#define ENVSAMP_CDF_WORD(at) words[at]'
 if command -v glslangValidator >/dev/null; then
     for version in 430 450 "310 es" "320 es"; do
         glsl "$version" ""
@@ -108,6 +109,16 @@ if [ -d build/node_modules/webgpu ] && command -v node >/dev/null; then
     report $? "WGSL with an unknown name is refused"
 else
     skip "WGSL: no Dawn (npm install --prefix build webgpu)"
+fi
+
+# ---- CUDA ----
+
+if make -s build/gpu_bench >"$tmp/out" 2>"$tmp/err" && [ -x build/gpu_bench ]; then
+    build/gpu_bench constant >"$tmp/out" 2>"$tmp/err" && grep -q "^control: .* differ" "$tmp/out" \
+        && grep -qE "not measured|^WARP +[0-9.]+ +[0-9.]+$" "$tmp/out"
+    report $? "samplers compiled for CUDA: $(tail -n 1 "$tmp/out")"
+else
+    skip "samplers compiled for CUDA: no nvcc that works"
 fi
 
 # ---- on the device ----

@@ -689,8 +689,8 @@ static int check_all(checker *c, int count, char **names, char *error)
     int i, good = 1;
 
     printf("%s\n%-12s %-10s %-5s %-14s %8s %6s %6s %6s %6s %8s %8s %8s  %s\n", c->device.name,
-           "map", "mapping", "table", "", "points", "blocks", "dirs", "pdfs", "hair", "bits", "dir", "pdf",
-           "damage");
+           "map", "mapping", "table", "", "points", "blocks", "dirs", "pdfs", "hair", "bits",
+           "dir", "pdf", "damage");
     if (c->wanted.table)
         return check_file(c, c->wanted.table, error);
     for (i = 0; i < count && good; i++)
@@ -719,8 +719,10 @@ int main(int argc, char **argv)
     c.directions = malloc((size_t)c.wanted.points * 12);
     c.expected = malloc((size_t)c.wanted.points * sizeof *c.expected);
     c.settings = gpu_buffer(3, NULL, 8);
-    good = c.results && c.directions && c.expected && c.settings
-         ? (c.wanted.spirv ? load_spirv(&c, error) : compile(&c, error)) : image_fail(error, sizeof error, argv[0], "not enough memory");
+    if (!c.results || !c.directions || !c.expected || !c.settings)
+        good = image_fail(error, sizeof error, argv[0], "not enough memory");
+    else
+        good = c.wanted.spirv ? load_spirv(&c, error) : compile(&c, error);
     if (good && first < argc)
         good = check_all(&c, argc - first, argv + first, error);
     else if (good)
