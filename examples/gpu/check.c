@@ -4,6 +4,7 @@
  *     gpu_check sky data/city.pfm     these maps, by name or file
  *     gpu_check -t sky.table          a stored table, checked before it is uploaded
  *     gpu_check -n 10000 --gl         fewer points; OpenGL 4.3 where ES 3.1 is the default
+ *     gpu_check -b 256 --kd           smaller tables; without those of cdf
  *     gpu_check -m octahedral         by a shader that is built for one mapping
  *     gpu_check -s shaders            where envsamp.glsl and check.glsl are: examples/gpu
  *     gpu_check --gl -v spirv         check_0.spv to check_7.spv of a folder: HLSL, compiled
@@ -35,6 +36,7 @@
 #define ERROR_SIZE 512
 #define POINTS_MAX 4000000
 #define RESULT_WORDS 8
+#define UNIFORM_WORDS 4096              /* 16 KB */
 #define DAMAGED_POINTS 100000           /* of each damaged table */
 #define HAIR 1e-6f
 #define TOLERANCE 1e-5
@@ -64,6 +66,7 @@ typedef struct table {
 
 typedef struct options {
     int points, desktop, mapping;       /* mapping -1: the shader takes that of the table */
+    int blocks, kd_only;                /* blocks 0: the default */
     const char *shaders, *table, *spirv, *cases;
 } options;
 
@@ -310,6 +313,7 @@ static int run(const checker *c, int mode, GLuint table_buffer, GLuint result_bu
     const uint32_t settings[2] = { SEED, (uint32_t)count };
 
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, table_buffer);
+    glBindBufferBase(GL_UNIFORM_BUFFER, 0, table_buffer);   /* of shaders that read it there */
     glBindBuffer(GL_SHADER_STORAGE_BUFFER, c->settings);
     glBufferSubData(GL_SHADER_STORAGE_BUFFER, 0, sizeof settings, settings);
     glUseProgram(c->programs[mode]);
@@ -346,10 +350,21 @@ static size_t damaged_word(const table *t, int mode, uint32_t *flip)
     return offsetof(envsamp_kd, alias_at) / 4;
 }
 
+/* A buffer for a table; as large as a uniform block of every driver may be. */
+static GLuint upload(const void *data, size_t bytes)
+{
+    const size_t words = (bytes + 3) / 4;
+    GLuint buffer = gpu_buffer(0, NULL, words > UNIFORM_WORDS ? 4 * words : 4 * UNIFORM_WORDS);
+
+    if (buffer)
+        glBufferSubData(GL_SHADER_STORAGE_BUFFER, 0, (GLsizeiptr)bytes, data);
+    return buffer;
+}
+
 /* Whether the comparison sees a damaged word. The shader stays within the buffer all the same. */
 static int damage_is_seen(checker *c, const table *t, int mode, GLuint result_buffer)
 {
-    uint32_t *words = malloc(t->bytes + 3), flip;
+    uint32_t *words = malloc(t->bytes), flip;
     const size_t at = damaged_word(t, mode, &flip);
     GLuint buffer = 0;
     const int count = envsamp__min(c->wanted.points, DAMAGED_POINTS);
@@ -360,7 +375,7 @@ static int damage_is_seen(checker *c, const table *t, int mode, GLuint result_bu
         return 0;
     memcpy(words, t->data, t->bytes);
     words[at] ^= flip;
-    buffer = gpu_buffer(0, words, (t->bytes + 3) / 4 * 4);
+    buffer = upload(words, t->bytes);
     free(words);
     if (buffer && run(c, mode, buffer, result_buffer, count)) {
         sum = compare(c, t, mode, count);
@@ -458,9 +473,7 @@ static int check_table(checker *c, const char *name, const table *t, char *error
 
     make_directions(c, t);
     memset(c->results, 0xff, result_bytes);
-    buffers[0] = gpu_buffer(0, NULL, (t->bytes + 3) / 4 * 4);
-    if (buffers[0])
-        glBufferSubData(GL_SHADER_STORAGE_BUFFER, 0, (GLsizeiptr)t->bytes, t->data);
+    buffers[0] = upload(t->data, t->bytes);
     buffers[1] = gpu_buffer(1, c->directions, direction_bytes);
     buffers[2] = gpu_buffer(2, c->results, result_bytes);
     if (!buffers[0] || !buffers[1] || !buffers[2])
@@ -486,7 +499,8 @@ static int is_cdf(int kind)
 }
 
 /* kind: of envsamp_kd_select, WARP with `facing`, or one more: cdf. To be freed: data. */
-static envsamp_result build(const image *map, envsamp_mapping mapping, int kind, table *t)
+static envsamp_result build(const image *map, envsamp_mapping mapping, int kind, int blocks,
+                            table *t)
 {
     static const char *const names[] = { "warp", "alias", "fit", "cdf" };
     const envsamp_image view = { map->rgb, map->width, map->height, 3, 0, mapping };
@@ -498,6 +512,7 @@ static envsamp_result build(const image *map, envsamp_mapping mapping, int kind,
     memset(t, 0, sizeof *t);
     desc.select = is_cdf(kind) ? ENVSAMP_KD_WARP : (envsamp_kd_select)kind;
     desc.facing = kind == ENVSAMP_KD_WARP;
+    desc.block_count = blocks;
     if (is_cdf(kind))
         envsamp_cdf_sizes(&view, NULL, &sizes);
     else
@@ -525,9 +540,10 @@ static int check_map(checker *c, const char *name, char *error)
     for (int mapping = 0; mapping < 3 && good; mapping++) {
         if (c->wanted.mapping >= 0 ? mapping != 0 : mapping > 0 && !made)
             continue;                   /* real maps are of one mapping, made-up ones of all */
-        for (int kind = 0; kind < 4 && good; kind++) {
+        for (int kind = 0; kind < (c->wanted.kd_only ? 3 : 4) && good; kind++) {
             table t;
-            const envsamp_result result = build(&map, (envsamp_mapping)mapping, kind, &t);
+            const envsamp_result result = build(&map, (envsamp_mapping)mapping, kind,
+                                                c->wanted.blocks, &t);
 
             good = result == ENVSAMP_OK ? check_table(c, name, &t, error)
                  : image_fail(error, ERROR_SIZE, name, "%s", envsamp_result_string(result));
@@ -652,17 +668,19 @@ static int read_options(int argc, char **argv, options *o, int *first, char *err
         const char *value = i + 1 < argc ? argv[i + 1] : NULL;
         const char letter = argv[i][1];
 
-        if (!strcmp(argv[i], "--gl")) {
-            o->desktop = 1;
+        o->desktop |= !strcmp(argv[i], "--gl");
+        o->kd_only |= !strcmp(argv[i], "--kd");
+        if (!strcmp(argv[i], "--gl") || !strcmp(argv[i], "--kd"))
             continue;
-        }
-        if (!letter || argv[i][2] || !strchr("nmstvd", letter) || !value)
-            return image_fail(error, ERROR_SIZE, argv[i], "usage: gpu_check [-n POINTS] [--gl] "
-                              "[-m MAPPING] [-s SHADERS] [-t TABLE] [-v SPIRV] [-d CASES] "
-                              "[MAP ...]");
+        if (!letter || argv[i][2] || !strchr("nbmstvd", letter) || !value)
+            return image_fail(error, ERROR_SIZE, argv[i], "usage: gpu_check [-n POINTS] "
+                              "[-b BLOCKS] [--gl] [--kd] [-m MAPPING] [-s SHADERS] [-t TABLE] "
+                              "[-v SPIRV] [-d CASES] [MAP ...]");
         i++;
         if (letter == 'n' && ((o->points = atoi(value)) < 1 || o->points > POINTS_MAX))
             return image_fail(error, ERROR_SIZE, value, "points: 1 to %d", POINTS_MAX);
+        if (letter == 'b' && ((o->blocks = atoi(value)) < 1 || o->blocks > 1048576))
+            return image_fail(error, ERROR_SIZE, value, "blocks: 1 to 1048576");
         if (letter == 's')
             o->shaders = value;
         if (letter == 't')
