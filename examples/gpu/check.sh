@@ -3,9 +3,10 @@
 #
 #     sh examples/gpu/check.sh BUILD POINTS MAP...
 #
-# BUILD has gpu_check, and node_modules/webgpu or no WGSL. GLSL ES runs over all maps, the made-up
-# ones in all mappings; OpenGL's GLSL, HLSL and WGSL over two made-up maps. Exits with 1 if a part
-# fails; what is not installed is skipped by name.
+# BUILD has gpu_check, and node_modules/webgpu or no WGSL. GLSL of OpenGL ES runs over all maps, the
+# made-up ones in all mappings; with quotients and roots as a GPU may round them over two made-up
+# and the real ones; GLSL of OpenGL, HLSL and WGSL over the two. Exits with 1 if a part fails. What
+# is not installed is skipped by name.
 set -u
 build=$1
 points=$2
@@ -23,6 +24,14 @@ part "GLSL, OpenGL ES 3.1"
 
 part "GLSL, OpenGL 4.3"
 "$build/gpu_check" --gl -n "$points" sky night || failed=1
+
+part "GLSL, quotients and roots off by about a unit in the last place"
+mkdir -p "$work/rough"
+cp "$gpu/check.glsl" "$work/rough"
+sed -e 's,return a / b;,return a * (1.0 / b);,' \
+    -e 's,return sqrt(square);,return sqrt(square) * 1.0000001;,' "$gpu/envsamp.glsl" \
+    > "$work/rough/envsamp.glsl"
+"$build/gpu_check" -n "$points" -m latlong -s "$work/rough" sky night "$@" || failed=1
 
 # spirv FOLDER: check_0.spv to check_7.spv.
 spirv()

@@ -27,8 +27,9 @@
  *
  * The result is that of the C code: @kd-table, @kd-sampling and @cdf in envsamp.h say how it works.
  * Blocks of WARP, ALIAS and cdf are chosen by integers and exact products: the same everywhere.
- * Those of FIT, of facing samples and of densities depend on quotients and roots, which a GPU may
- * round otherwise: there a point at the very edge of a block can fall into the next one.
+ * Those of densities and of light x cosine depend on quotients and roots, which a GPU may round
+ * otherwise, and those of FIT on a power: there a point at the very edge of a block can fall into
+ * the next one, and within a tiny block a direction move. "make gpu" shows how often.
  * envsamp.hlsl and envsamp.wgsl are made from this file by translate.pl.
  */
 #ifndef ENVSAMP_BINDING
@@ -157,6 +158,17 @@ float envsamp_positive(float t)
     return 0.5 + envsamp_copy_sign(0.5, t);
 }
 
+/* The quotients and roots that blocks depend on, but for those of FIT. */
+float envsamp_quotient(float a, float b)
+{
+    return a / b;
+}
+
+float envsamp_root(float square)
+{
+    return sqrt(square);
+}
+
 /* Cosine and sine of u turns. */
 vec2 envsamp_cos_sin_turn(float u)
 {
@@ -190,8 +202,8 @@ float envsamp_turn(float y, float x)
     float ax = abs(x);
     float ay = abs(y);
     float big = max(ax, ay);
-    ENVSAMP_PRECISE float ratio = min(ax, ay) / max(big, ENVSAMP_TINY);
-    ENVSAMP_PRECISE float turn = envsamp_octant_turn(ratio);
+    float ratio = envsamp_quotient(min(ax, ay), max(big, ENVSAMP_TINY));
+    float turn = envsamp_octant_turn(ratio);
 
     if (ay > ax) {
         turn = 0.25 - turn;
@@ -205,8 +217,8 @@ float envsamp_turn(float y, float x)
 /* Polar angle over pi from 1 - cos and 1 + cos of it. */
 float envsamp_polar_fraction(float north, float south)
 {
-    ENVSAMP_PRECISE float t = abs(min(north, south));
-    ENVSAMP_PRECISE float q = sqrt(t);
+    float t = abs(min(north, south));
+    float q = sqrt(t);
     ENVSAMP_PRECISE float t2 = t * t;
     ENVSAMP_PRECISE float low = 0.450158207 + t * 0.0375087059 + t2 * (0.00850684985
                                    + t * 0.00214716597);
@@ -236,8 +248,8 @@ vec3 envsamp_octahedral_dir(float u, float v)
     float rest_b = 1.0 - abs(b);
     float p = min(abs(a), rest_b);
     float q = min(abs(b), rest_a);
-    ENVSAMP_PRECISE float r = p + q;
-    ENVSAMP_PRECISE float inverse = 1.0 / (r + ENVSAMP_TINY);
+    float r = p + q;
+    float inverse = 1.0 / (r + ENVSAMP_TINY);
     ENVSAMP_PRECISE float s = r * r;
     ENVSAMP_PRECISE float s2 = s * s;
     ENVSAMP_PRECISE float ring = r * ((1.41421378 - s * 0.353563577)
@@ -254,14 +266,14 @@ vec3 envsamp_octahedral_dir(float u, float v)
 vec2 envsamp_octahedral_uv(vec3 dir, float r)
 {
     vec3 size = abs(dir);
-    ENVSAMP_PRECISE float across = min(size.x, size.y) / (max(size.x, size.y) + ENVSAMP_TINY);
-    ENVSAMP_PRECISE float down = min(r, size.z) / (max(r, size.z) + ENVSAMP_TINY);
-    ENVSAMP_PRECISE float turn = min(4.0 * envsamp_octant_turn(down), 0.5);
-    ENVSAMP_PRECISE float w = abs(1.0 - envsamp_positive(size.z - r) - turn);
-    ENVSAMP_PRECISE float s = w * w;
+    float across = envsamp_quotient(min(size.x, size.y), max(size.x, size.y) + ENVSAMP_TINY);
+    float down = envsamp_quotient(min(r, size.z), max(r, size.z) + ENVSAMP_TINY);
+    float turn = min(4.0 * envsamp_octant_turn(down), 0.5);
+    float w = abs(1.0 - envsamp_positive(size.z - r) - turn);
+    float s = w * w;
     ENVSAMP_PRECISE float p = w * ((0.555360375 - s * 0.0570955985)
                                  + s * s * (0.00176060538 - s * 2.53690523e-05));
-    ENVSAMP_PRECISE float q = min(4.0 * envsamp_octant_turn(across), 0.5);
+    float q = min(4.0 * envsamp_octant_turn(across), 0.5);
 
     w = min(p, 0.5);
     q = w * abs(envsamp_positive(size.y - size.x) - q);
@@ -307,8 +319,8 @@ envsamp_sample envsamp_point_sample(uint mapping, envsamp_point p, float pdf, ui
     float x = envsamp_clamp_unit(p.x);
     vec2 uv = vec2(x, p.north);
     vec2 around = envsamp_cos_sin_turn(x);
-    ENVSAMP_PRECISE float sine = sqrt(abs(p.north * p.south));
-    ENVSAMP_PRECISE vec3 dir = vec3(around.x * sine, around.y * sine, 0.5 * (p.south - p.north));
+    float sine = sqrt(abs(p.north * p.south));
+    vec3 dir = vec3(around.x * sine, around.y * sine, 0.5 * (p.south - p.north));
 
     if (mapping == ENVSAMP_OCTAHEDRAL) {
         dir = envsamp_octahedral_dir(x, p.north);
@@ -326,11 +338,11 @@ envsamp_sample envsamp_point_sample(uint mapping, envsamp_point p, float pdf, ui
 /* Azimuth in [0, 4] and polar in [0, 2], and 1 in z for a direction, 0 for none. */
 vec3 envsamp_grid_coords(uint mapping, vec3 dir, float r)
 {
-    ENVSAMP_PRECISE float side = abs(dir.x) + abs(dir.y);
-    ENVSAMP_PRECISE float sum = r + abs(dir.z);
+    float side = abs(dir.x) + abs(dir.y);
+    float sum = r + abs(dir.z);
     bool valid = floatBitsToUint(side) < 0x7f800000u && floatBitsToUint(sum) - 1u < 0x7f7fffffu;
-    ENVSAMP_PRECISE float t = abs(dir.y) / max(side, ENVSAMP_TINY);
-    ENVSAMP_PRECISE float q = r / max(sum, ENVSAMP_TINY);
+    float t = envsamp_quotient(abs(dir.y), max(side, ENVSAMP_TINY));
+    float q = envsamp_quotient(r, max(sum, ENVSAMP_TINY));
 
     if (!valid) {
         return vec3(0.0, 0.0, 0.0);
@@ -357,9 +369,8 @@ vec3 envsamp_grid_coords(uint mapping, vec3 dir, float r)
 float envsamp_ring(vec3 dir)
 {
     ENVSAMP_PRECISE float square = dir.x * dir.x + dir.y * dir.y;
-    ENVSAMP_PRECISE float r = sqrt(square);
 
-    return r;
+    return envsamp_root(square);
 }
 
 /* ---- kd: header, in words ---- */
@@ -461,8 +472,8 @@ envsamp_sample envsamp_warp_sample(float u0, float u1)
     while (r.link >= ENVSAMP_INNER) {
         r = envsamp_take_side(r, f);
     }
-    ENVSAMP_PRECISE float fx = (f.x - r.cut.x) / (r.cut.y - r.cut.x);
-    ENVSAMP_PRECISE float fy = (f.y - r.cut.z) / (r.cut.w - r.cut.z);
+    float fx = (f.x - r.cut.x) / (r.cut.y - r.cut.x);
+    float fy = (f.y - r.cut.z) / (r.cut.w - r.cut.z);
     envsamp_point p = envsamp_between(r.edge, fx, fy);
 
     return envsamp_point_sample(envsamp_mapping(envsamp_word(3u)), p, uintBitsToFloat(r.link),
@@ -484,7 +495,7 @@ envsamp_choice envsamp_alias_choose(float u0, float u1)
     uint own = entry ^ block;                       /* of 2^24 */
     uint mixed = (y << (32u - (shift + bits_x))) ^ (~bin * 0x9e3779b9u);
     uint place = mixed >> 8u;
-    ENVSAMP_PRECISE float fy = float(place - own) / float(0x1000000u - own);
+    float fy = float(place - own) / float(0x1000000u - own);
 
     if (place < own) {
         fy = float(own - place) / float(own);
@@ -526,9 +537,9 @@ uvec2 envsamp_fixed(uint at)
    C has doubles here. In units of 2^-48, the upper 32 bits first. */
 uvec2 envsamp_fit_product(float u0, float u1, uvec2 total)
 {
-    ENVSAMP_PRECISE float low = u1 * 4096.0 + 0.5;
+    float low = u1 * 4096.0 + 0.5;
     float whole = floor(u0 * ENVSAMP_UNIT);
-    ENVSAMP_PRECISE float more = (u0 * ENVSAMP_UNIT - whole) + (low - floor(low));
+    float more = (u0 * ENVSAMP_UNIT - whole) + (low - floor(low));
     uint upper = uint(whole) + uint(more);
     uint lower = uint((more - floor(more)) * ENVSAMP_UNIT);
     uvec2 g = envsamp_product(upper, total.x);
@@ -709,13 +720,14 @@ envsamp_normal envsamp_prepare_normal(vec3 normal)
     bool valid = most >= 0x00800000u && most < 0x7f800000u
               && envsamp_word(ENVSAMP_KD_FACING_COUNT) > 0u;
     float size = uintBitsToFloat(most);
-    ENVSAMP_PRECISE vec3 n = vec3(0.0, 0.0, 0.0);
+    vec3 n = vec3(0.0, 0.0, 0.0);
 
     if (valid) {
-        n = vec3(normal.x / size, normal.y / size, normal.z / size);
+        n = vec3(envsamp_quotient(normal.x, size), envsamp_quotient(normal.y, size),
+                 envsamp_quotient(normal.z, size));
     }
-    ENVSAMP_PRECISE vec3 square = vec3(n.x * n.x, n.y * n.y, n.z * n.z);
-    ENVSAMP_PRECISE vec3 product = vec3(n.x * n.y, n.x * n.z, n.y * n.z);
+    vec3 square = vec3(n.x * n.x, n.y * n.y, n.z * n.z);
+    vec3 product = vec3(n.x * n.y, n.x * n.z, n.y * n.z);
 
     return envsamp_normal(n, square, product, valid);
 }
@@ -726,8 +738,10 @@ vec4 envsamp_floats(uint at)
                 uintBitsToFloat(envsamp_word(at + 2u)), uintBitsToFloat(envsamp_word(at + 3u)));
 }
 
-float envsamp_weight(float weight)
+float envsamp_weight(float mean, float square)
 {
+    float weight = mean + envsamp_root(max(square, 0.0));
+
     return weight > ENVSAMP_LEAST_WEIGHT ? weight : 0.0;
 }
 
@@ -743,10 +757,9 @@ vec4 envsamp_weigh_side(uint at, envsamp_normal n)
                                + envsamp_floats(at + 56u) * n.product.y
                                + envsamp_floats(at + 64u) * n.product.z;
     ENVSAMP_PRECISE vec4 square = even + mixed;
-    ENVSAMP_PRECISE vec4 w = mean + sqrt(max(square, vec4(0.0, 0.0, 0.0, 0.0)));
 
-    return vec4(envsamp_weight(w.x), envsamp_weight(w.y), envsamp_weight(w.z),
-                envsamp_weight(w.w));
+    return vec4(envsamp_weight(mean.x, square.x), envsamp_weight(mean.y, square.y),
+                envsamp_weight(mean.z, square.z), envsamp_weight(mean.w, square.w));
 }
 
 envsamp_weights envsamp_weigh(uint node, envsamp_normal n)
@@ -767,7 +780,7 @@ envsamp_walk envsamp_facing_side(uint cut, float low, float high, envsamp_walk w
     bool upper = place >= low;
     float start = upper ? low : 0.0;
     float size = upper ? high : low;
-    ENVSAMP_PRECISE float stretched = (place - start) / size;
+    float stretched = envsamp_quotient(place - start, size);
     float at = uintBitsToFloat(cut & ENVSAMP_SIZE);
 
     if (down) {
@@ -798,12 +811,12 @@ vec3 envsamp_facing_warp(envsamp_normal n, float u0, float u1)
     envsamp_walk walk = envsamp_walk(vec2(u0, u1), vec4(0.0, 1.0, 0.0, 1.0), 0u);
     uint node = envsamp_word(ENVSAMP_KD_FACING_AT) >> 2u;
     uint link = ENVSAMP_INNER;
-    ENVSAMP_PRECISE float ratio = 1.0;
+    float ratio = 1.0;
 
     while (link >= ENVSAMP_INNER) {
         envsamp_weights w = envsamp_weigh(node, n);
-        ENVSAMP_PRECISE float low = w.pair.x + w.pair.y;
-        ENVSAMP_PRECISE float high = w.pair.z + w.pair.w;
+        float low = w.pair.x + w.pair.y;
+        float high = w.pair.z + w.pair.w;
 
         walk = envsamp_facing_side(envsamp_word(node), low, high, walk);
         uint at = walk.side;
@@ -850,7 +863,7 @@ float envsamp_kd_pdf_facing(vec3 normal, vec3 dir)
     float pdf = uintBitsToFloat(density.z);
     uint node = envsamp_word(ENVSAMP_KD_FACING_AT) >> 2u;
     uint link = ENVSAMP_INNER;
-    ENVSAMP_PRECISE float ratio = 1.0;
+    float ratio = 1.0;
 
     if (!n.valid || density.z == 0u) {
         return pdf;
@@ -986,7 +999,7 @@ float envsamp_cdf_fraction(uint edge, uint draw)
 {
     uint first = envsamp_cdf_word(edge);
     uint parts = envsamp_cdf_word(edge + 1u) - first;
-    ENVSAMP_PRECISE float f = (float(draw - first) + 0.5) / float(parts);
+    float f = (float(draw - first) + 0.5) / float(parts);
 
     return f;
 }
@@ -1037,7 +1050,7 @@ float envsamp_cdf_pdf(vec3 dir)
         return 0.0;
     }
     if (mapping != ENVSAMP_OCTAHEDRAL) {
-        ENVSAMP_PRECISE float t = 1.0 - 2.0 * (abs(dir.z) / (r + abs(dir.z)));
+        ENVSAMP_PRECISE float t = 1.0 - 2.0 * envsamp_quotient(abs(dir.z), r + abs(dir.z));
         ENVSAMP_PRECISE float s = t * t;
         ENVSAMP_PRECISE float s2 = s * s;
 

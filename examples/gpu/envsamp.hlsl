@@ -161,6 +161,17 @@ float envsamp_positive(float t)
     return 0.5 + envsamp_copy_sign(0.5, t);
 }
 
+/* The quotients and roots that blocks depend on, but for those of FIT. */
+float envsamp_quotient(float a, float b)
+{
+    return a / b;
+}
+
+float envsamp_root(float square)
+{
+    return sqrt(square);
+}
+
 /* Cosine and sine of u turns. */
 float2 envsamp_cos_sin_turn(float u)
 {
@@ -194,8 +205,8 @@ float envsamp_turn(float y, float x)
     float ax = abs(x);
     float ay = abs(y);
     float big = max(ax, ay);
-    precise float ratio = min(ax, ay) / max(big, ENVSAMP_TINY);
-    precise float turn = envsamp_octant_turn(ratio);
+    float ratio = envsamp_quotient(min(ax, ay), max(big, ENVSAMP_TINY));
+    float turn = envsamp_octant_turn(ratio);
 
     if (ay > ax) {
         turn = 0.25 - turn;
@@ -209,8 +220,8 @@ float envsamp_turn(float y, float x)
 /* Polar angle over pi from 1 - cos and 1 + cos of it. */
 float envsamp_polar_fraction(float north, float south)
 {
-    precise float t = abs(min(north, south));
-    precise float q = sqrt(t);
+    float t = abs(min(north, south));
+    float q = sqrt(t);
     precise float t2 = t * t;
     precise float low = 0.450158207 + t * 0.0375087059 + t2 * (0.00850684985
                                    + t * 0.00214716597);
@@ -240,8 +251,8 @@ float3 envsamp_octahedral_dir(float u, float v)
     float rest_b = 1.0 - abs(b);
     float p = min(abs(a), rest_b);
     float q = min(abs(b), rest_a);
-    precise float r = p + q;
-    precise float inverse = 1.0 / (r + ENVSAMP_TINY);
+    float r = p + q;
+    float inverse = 1.0 / (r + ENVSAMP_TINY);
     precise float s = r * r;
     precise float s2 = s * s;
     precise float ring = r * ((1.41421378 - s * 0.353563577)
@@ -258,14 +269,14 @@ float3 envsamp_octahedral_dir(float u, float v)
 float2 envsamp_octahedral_uv(float3 dir, float r)
 {
     float3 size = abs(dir);
-    precise float across = min(size.x, size.y) / (max(size.x, size.y) + ENVSAMP_TINY);
-    precise float down = min(r, size.z) / (max(r, size.z) + ENVSAMP_TINY);
-    precise float turn = min(4.0 * envsamp_octant_turn(down), 0.5);
-    precise float w = abs(1.0 - envsamp_positive(size.z - r) - turn);
-    precise float s = w * w;
+    float across = envsamp_quotient(min(size.x, size.y), max(size.x, size.y) + ENVSAMP_TINY);
+    float down = envsamp_quotient(min(r, size.z), max(r, size.z) + ENVSAMP_TINY);
+    float turn = min(4.0 * envsamp_octant_turn(down), 0.5);
+    float w = abs(1.0 - envsamp_positive(size.z - r) - turn);
+    float s = w * w;
     precise float p = w * ((0.555360375 - s * 0.0570955985)
                                  + s * s * (0.00176060538 - s * 2.53690523e-05));
-    precise float q = min(4.0 * envsamp_octant_turn(across), 0.5);
+    float q = min(4.0 * envsamp_octant_turn(across), 0.5);
 
     w = min(p, 0.5);
     q = w * abs(envsamp_positive(size.y - size.x) - q);
@@ -311,8 +322,8 @@ envsamp_sample envsamp_point_sample(uint mapping, envsamp_point p, float pdf, ui
     float x = envsamp_clamp_unit(p.x);
     float2 uv = float2(x, p.north);
     float2 around = envsamp_cos_sin_turn(x);
-    precise float sine = sqrt(abs(p.north * p.south));
-    precise float3 dir = float3(around.x * sine, around.y * sine, 0.5 * (p.south - p.north));
+    float sine = sqrt(abs(p.north * p.south));
+    float3 dir = float3(around.x * sine, around.y * sine, 0.5 * (p.south - p.north));
 
     if (mapping == ENVSAMP_OCTAHEDRAL) {
         dir = envsamp_octahedral_dir(x, p.north);
@@ -330,11 +341,11 @@ envsamp_sample envsamp_point_sample(uint mapping, envsamp_point p, float pdf, ui
 /* Azimuth in [0, 4] and polar in [0, 2], and 1 in z for a direction, 0 for none. */
 float3 envsamp_grid_coords(uint mapping, float3 dir, float r)
 {
-    precise float side = abs(dir.x) + abs(dir.y);
-    precise float sum = r + abs(dir.z);
+    float side = abs(dir.x) + abs(dir.y);
+    float sum = r + abs(dir.z);
     bool valid = asuint(side) < 0x7f800000u && asuint(sum) - 1u < 0x7f7fffffu;
-    precise float t = abs(dir.y) / max(side, ENVSAMP_TINY);
-    precise float q = r / max(sum, ENVSAMP_TINY);
+    float t = envsamp_quotient(abs(dir.y), max(side, ENVSAMP_TINY));
+    float q = envsamp_quotient(r, max(sum, ENVSAMP_TINY));
 
     if (!valid) {
         return float3(0.0, 0.0, 0.0);
@@ -361,9 +372,8 @@ float3 envsamp_grid_coords(uint mapping, float3 dir, float r)
 float envsamp_ring(float3 dir)
 {
     precise float square = dir.x * dir.x + dir.y * dir.y;
-    precise float r = sqrt(square);
 
-    return r;
+    return envsamp_root(square);
 }
 
 /* ---- kd: header, in words ---- */
@@ -476,8 +486,8 @@ envsamp_sample envsamp_warp_sample(float u0, float u1)
     while (r.link >= ENVSAMP_INNER) {
         r = envsamp_take_side(r, f);
     }
-    precise float fx = (f.x - r.cut.x) / (r.cut.y - r.cut.x);
-    precise float fy = (f.y - r.cut.z) / (r.cut.w - r.cut.z);
+    float fx = (f.x - r.cut.x) / (r.cut.y - r.cut.x);
+    float fy = (f.y - r.cut.z) / (r.cut.w - r.cut.z);
     envsamp_point p = envsamp_between(r.edge, fx, fy);
 
     return envsamp_point_sample(envsamp_mapping(envsamp_word(3u)), p, asfloat(r.link),
@@ -499,7 +509,7 @@ envsamp_choice envsamp_alias_choose(float u0, float u1)
     uint own = entry ^ block;                       /* of 2^24 */
     uint mixed = (y << (32u - (shift + bits_x))) ^ (~bin * 0x9e3779b9u);
     uint place = mixed >> 8u;
-    precise float fy = float(place - own) / float(0x1000000u - own);
+    float fy = float(place - own) / float(0x1000000u - own);
 
     if (place < own) {
         fy = float(own - place) / float(own);
@@ -541,9 +551,9 @@ uint2 envsamp_fixed(uint at)
    C has doubles here. In units of 2^-48, the upper 32 bits first. */
 uint2 envsamp_fit_product(float u0, float u1, uint2 total)
 {
-    precise float low = u1 * 4096.0 + 0.5;
+    float low = u1 * 4096.0 + 0.5;
     float whole = floor(u0 * ENVSAMP_UNIT);
-    precise float more = (u0 * ENVSAMP_UNIT - whole) + (low - floor(low));
+    float more = (u0 * ENVSAMP_UNIT - whole) + (low - floor(low));
     uint upper = uint(whole) + uint(more);
     uint lower = uint((more - floor(more)) * ENVSAMP_UNIT);
     uint2 g = envsamp_product(upper, total.x);
@@ -755,13 +765,14 @@ envsamp_normal envsamp_prepare_normal(float3 normal)
     bool valid = most >= 0x00800000u && most < 0x7f800000u
               && envsamp_word(ENVSAMP_KD_FACING_COUNT) > 0u;
     float size = asfloat(most);
-    precise float3 n = float3(0.0, 0.0, 0.0);
+    float3 n = float3(0.0, 0.0, 0.0);
 
     if (valid) {
-        n = float3(normal.x / size, normal.y / size, normal.z / size);
+        n = float3(envsamp_quotient(normal.x, size), envsamp_quotient(normal.y, size),
+                 envsamp_quotient(normal.z, size));
     }
-    precise float3 square = float3(n.x * n.x, n.y * n.y, n.z * n.z);
-    precise float3 product = float3(n.x * n.y, n.x * n.z, n.y * n.z);
+    float3 square = float3(n.x * n.x, n.y * n.y, n.z * n.z);
+    float3 product = float3(n.x * n.y, n.x * n.z, n.y * n.z);
 
     return envsamp_normal_of(n, square, product, valid);
 }
@@ -772,8 +783,10 @@ float4 envsamp_floats(uint at)
                 asfloat(envsamp_word(at + 2u)), asfloat(envsamp_word(at + 3u)));
 }
 
-float envsamp_weight(float weight)
+float envsamp_weight(float mean, float square)
 {
+    float weight = mean + envsamp_root(max(square, 0.0));
+
     return weight > ENVSAMP_LEAST_WEIGHT ? weight : 0.0;
 }
 
@@ -789,10 +802,9 @@ float4 envsamp_weigh_side(uint at, envsamp_normal n)
                                + envsamp_floats(at + 56u) * n.product.y
                                + envsamp_floats(at + 64u) * n.product.z;
     precise float4 square = even + mixed;
-    precise float4 w = mean + sqrt(max(square, float4(0.0, 0.0, 0.0, 0.0)));
 
-    return float4(envsamp_weight(w.x), envsamp_weight(w.y), envsamp_weight(w.z),
-                envsamp_weight(w.w));
+    return float4(envsamp_weight(mean.x, square.x), envsamp_weight(mean.y, square.y),
+                envsamp_weight(mean.z, square.z), envsamp_weight(mean.w, square.w));
 }
 
 envsamp_weights envsamp_weigh(uint node, envsamp_normal n)
@@ -813,7 +825,7 @@ envsamp_walk envsamp_facing_side(uint cut, float low, float high, envsamp_walk w
     bool upper = place >= low;
     float start = upper ? low : 0.0;
     float size = upper ? high : low;
-    precise float stretched = (place - start) / size;
+    float stretched = envsamp_quotient(place - start, size);
     float at = asfloat(cut & ENVSAMP_SIZE);
 
     if (down) {
@@ -844,12 +856,12 @@ float3 envsamp_facing_warp(envsamp_normal n, float u0, float u1)
     envsamp_walk walk = envsamp_walk_of(float2(u0, u1), float4(0.0, 1.0, 0.0, 1.0), 0u);
     uint node = envsamp_word(ENVSAMP_KD_FACING_AT) >> 2u;
     uint link = ENVSAMP_INNER;
-    precise float ratio = 1.0;
+    float ratio = 1.0;
 
     while (link >= ENVSAMP_INNER) {
         envsamp_weights w = envsamp_weigh(node, n);
-        precise float low = w.pair.x + w.pair.y;
-        precise float high = w.pair.z + w.pair.w;
+        float low = w.pair.x + w.pair.y;
+        float high = w.pair.z + w.pair.w;
 
         walk = envsamp_facing_side(envsamp_word(node), low, high, walk);
         uint at = walk.side;
@@ -896,7 +908,7 @@ float envsamp_kd_pdf_facing(float3 normal, float3 dir)
     float pdf = asfloat(density.z);
     uint node = envsamp_word(ENVSAMP_KD_FACING_AT) >> 2u;
     uint link = ENVSAMP_INNER;
-    precise float ratio = 1.0;
+    float ratio = 1.0;
 
     if (!n.valid || density.z == 0u) {
         return pdf;
@@ -1032,7 +1044,7 @@ float envsamp_cdf_fraction(uint edge, uint draw)
 {
     uint first = envsamp_cdf_word(edge);
     uint parts = envsamp_cdf_word(edge + 1u) - first;
-    precise float f = (float(draw - first) + 0.5) / float(parts);
+    float f = (float(draw - first) + 0.5) / float(parts);
 
     return f;
 }
@@ -1083,7 +1095,7 @@ float envsamp_cdf_pdf(float3 dir)
         return 0.0;
     }
     if (mapping != ENVSAMP_OCTAHEDRAL) {
-        precise float t = 1.0 - 2.0 * (abs(dir.z) / (r + abs(dir.z)));
+        precise float t = 1.0 - 2.0 * envsamp_quotient(abs(dir.z), r + abs(dir.z));
         precise float s = t * t;
         precise float s2 = s * s;
 

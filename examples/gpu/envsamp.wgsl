@@ -104,6 +104,15 @@ fn envsamp_positive(t: f32) -> f32 {
     return 0.5 + envsamp_copy_sign(0.5, t);
 }
 
+/* The quotients and roots that blocks depend on, but for those of FIT. */
+fn envsamp_quotient(a: f32, b: f32) -> f32 {
+    return a / b;
+}
+
+fn envsamp_root(square: f32) -> f32 {
+    return sqrt(square);
+}
+
 /* Cosine and sine of u turns. */
 fn envsamp_cos_sin_turn(u: f32) -> vec2f {
     let h: f32 = u - 0.5;
@@ -134,7 +143,7 @@ fn envsamp_turn(y: f32, x: f32) -> f32 {
     let ax: f32 = abs(x);
     let ay: f32 = abs(y);
     let big: f32 = max(ax, ay);
-    let ratio: f32 = min(ax, ay) / max(big, ENVSAMP_TINY);
+    let ratio: f32 = envsamp_quotient(min(ax, ay), max(big, ENVSAMP_TINY));
     var turn: f32 = envsamp_octant_turn(ratio);
 
     if (ay > ax) {
@@ -194,8 +203,8 @@ fn envsamp_octahedral_dir(u: f32, v: f32) -> vec3f {
 /* u and v in a direction of any length; r is |(x, y)|. */
 fn envsamp_octahedral_uv(dir: vec3f, r: f32) -> vec2f {
     let size: vec3f = abs(dir);
-    let across: f32 = min(size.x, size.y) / (max(size.x, size.y) + ENVSAMP_TINY);
-    let down: f32 = min(r, size.z) / (max(r, size.z) + ENVSAMP_TINY);
+    let across: f32 = envsamp_quotient(min(size.x, size.y), max(size.x, size.y) + ENVSAMP_TINY);
+    let down: f32 = envsamp_quotient(min(r, size.z), max(r, size.z) + ENVSAMP_TINY);
     let turn: f32 = min(4.0 * envsamp_octant_turn(down), 0.5);
     var w: f32 = abs(1.0 - envsamp_positive(size.z - r) - turn);
     var s: f32 = w * w;
@@ -264,8 +273,8 @@ fn envsamp_grid_coords(mapping: u32, dir: vec3f, r: f32) -> vec3f {
     let side: f32 = abs(dir.x) + abs(dir.y);
     let sum: f32 = r + abs(dir.z);
     let valid: bool = bitcast<u32>(side) < 0x7f800000u && bitcast<u32>(sum) - 1u < 0x7f7fffffu;
-    var t: f32 = abs(dir.y) / max(side, ENVSAMP_TINY);
-    var q: f32 = r / max(sum, ENVSAMP_TINY);
+    var t: f32 = envsamp_quotient(abs(dir.y), max(side, ENVSAMP_TINY));
+    var q: f32 = envsamp_quotient(r, max(sum, ENVSAMP_TINY));
 
     if (!valid) {
         return vec3f(0.0, 0.0, 0.0);
@@ -291,9 +300,8 @@ fn envsamp_grid_coords(mapping: u32, dir: vec3f, r: f32) -> vec3f {
 /* |(x, y)| */
 fn envsamp_ring(dir: vec3f) -> f32 {
     let square: f32 = dir.x * dir.x + dir.y * dir.y;
-    let r: f32 = sqrt(square);
 
-    return r;
+    return envsamp_root(square);
 }
 
 /* ---- kd: header, in words ---- */
@@ -630,7 +638,8 @@ fn envsamp_prepare_normal(normal: vec3f) -> envsamp_normal {
     var n: vec3f = vec3f(0.0, 0.0, 0.0);
 
     if (valid) {
-        n = vec3f(normal.x / size, normal.y / size, normal.z / size);
+        n = vec3f(envsamp_quotient(normal.x, size), envsamp_quotient(normal.y, size),
+                 envsamp_quotient(normal.z, size));
     }
     let square: vec3f = vec3f(n.x * n.x, n.y * n.y, n.z * n.z);
     let product: vec3f = vec3f(n.x * n.y, n.x * n.z, n.y * n.z);
@@ -643,7 +652,9 @@ fn envsamp_floats(at: u32) -> vec4f {
                 bitcast<f32>(envsamp_word(at + 2u)), bitcast<f32>(envsamp_word(at + 3u)));
 }
 
-fn envsamp_weight(weight: f32) -> f32 {
+fn envsamp_weight(mean: f32, square: f32) -> f32 {
+    let weight: f32 = mean + envsamp_root(max(square, 0.0));
+
     return select(0.0, weight, weight > ENVSAMP_LEAST_WEIGHT);
 }
 
@@ -658,10 +669,9 @@ fn envsamp_weigh_side(at: u32, n: envsamp_normal) -> vec4f {
                                + envsamp_floats(at + 56u) * n.product.y
                                + envsamp_floats(at + 64u) * n.product.z;
     let square: vec4f = even + mixed;
-    let w: vec4f = mean + sqrt(max(square, vec4f(0.0, 0.0, 0.0, 0.0)));
 
-    return vec4f(envsamp_weight(w.x), envsamp_weight(w.y), envsamp_weight(w.z),
-                envsamp_weight(w.w));
+    return vec4f(envsamp_weight(mean.x, square.x), envsamp_weight(mean.y, square.y),
+                envsamp_weight(mean.z, square.z), envsamp_weight(mean.w, square.w));
 }
 
 fn envsamp_weigh(node: u32, n: envsamp_normal) -> envsamp_weights {
@@ -680,7 +690,7 @@ fn envsamp_facing_side(cut: u32, low: f32, high: f32, walk: envsamp_walk) -> env
     let upper: bool = place >= low;
     let start: f32 = select(0.0, low, upper);
     let size: f32 = select(low, high, upper);
-    let stretched: f32 = (place - start) / size;
+    let stretched: f32 = envsamp_quotient(place - start, size);
     let at: f32 = bitcast<f32>(cut & ENVSAMP_SIZE);
 
     if (down) {
@@ -935,7 +945,7 @@ fn envsamp_cdf_pdf(dir: vec3f) -> f32 {
         return 0.0;
     }
     if (mapping != ENVSAMP_OCTAHEDRAL) {
-        var t: f32 = 1.0 - 2.0 * (abs(dir.z) / (r + abs(dir.z)));
+        var t: f32 = 1.0 - 2.0 * envsamp_quotient(abs(dir.z), r + abs(dir.z));
         let s: f32 = t * t;
         let s2: f32 = s * s;
 
