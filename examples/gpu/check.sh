@@ -25,13 +25,14 @@ part "GLSL, OpenGL ES 3.1"
 part "GLSL, OpenGL 4.3"
 "$build/gpu_check" --gl -n "$points" sky night || failed=1
 
+# Shown, not judged: what a GPU may draw that is not as exact as Mesa.
 part "GLSL, quotients and roots off by about a unit in the last place"
 mkdir -p "$work/rough"
 cp "$gpu/check.glsl" "$work/rough"
 sed -e 's,return a / b;,return a * (1.0 / b);,' \
     -e 's,return sqrt(square);,return sqrt(square) * 1.0000001;,' "$gpu/envsamp.glsl" \
     > "$work/rough/envsamp.glsl"
-"$build/gpu_check" -n "$points" -m latlong -s "$work/rough" sky night "$@" || failed=1
+"$build/gpu_check" -n "$points" -m latlong -s "$work/rough" sky night "$@"
 
 # spirv FOLDER: check_0.spv to check_7.spv.
 spirv()
