@@ -183,7 +183,7 @@ portability:  ## compilers x machines x standards: the same bits, in one table
 portability-setup:  ## install the compilers and emulators for it that Debian has
 	@sh tests/setup_portability.sh
 
-# Without a GPU Mesa computes; a quarter of an hour on two cores. POINTS=100000: fewer than 10^6.
+# Without a GPU Mesa computes, half an hour on two cores. POINTS=100000: fewer than 10^6.
 gpu:  ## tables sampled in GLSL, HLSL and WGSL beside C, over made-up and real maps
 	@sh tests/setup_gpu.sh $(BUILD)
 	@$(MAKE) --no-print-directory $(BUILD)/gpu_check
