@@ -36,10 +36,15 @@ EMBREE       := $(firstword $(foreach version,3 4,$(if $(wildcard \
 RENDER_LIBS   = -l$(or $(EMBREE),embree3) $(EXR_LIBS) -pthread $(LIBM)
 RENDER_PARTS := scene shapes material environment inversion integrator lights upsample product tiles
 
+# Tables on a GPU, built and tested where EGL and OpenGL ES 3.1 are.
+HAVE_EGL = $(and $(wildcard /usr/include/EGL/egl.h),$(wildcard /usr/include/GLES3/gl31.h))
+NVCC    := $(firstword $(wildcard $(shell command -v nvcc 2>/dev/null) /usr/local/cuda/bin/nvcc))
+GPU_LIBS = -lEGL -lGLESv2 $(LIBM)
+
 COMMON   := $(addprefix examples/common/, image.c hdr.c maps.c)
 EXAMPLES := $(addprefix $(BUILD)/, quickstart path_tracer lights halftone table_file placement \
               engine sun_and_sky lights_gallery facing_gallery product_gallery demo_exr samplers \
-              $(if $(EMBREE),render render_unbiased render_tables))
+              $(if $(EMBREE),render render_unbiased render_tables) $(if $(HAVE_EGL),gpu_check))
 TIMED    := bench/baselines.c bench/input.c
 PLOTTED  := bench/baselines.c bench/plot.c examples/common/picture.c
 HEADERS  := envsamp.h $(wildcard $(addsuffix /*.h, examples/common examples/engine \
@@ -48,7 +53,7 @@ TESTS    := $(patsubst tests/%.c,$(BUILD)/%,$(wildcard tests/test_*.c))
 SCRIPTS  := $(wildcard tests/test_*.sh)
 # The longest first, so that all cores end together.
 LONGEST  := $(addprefix tests/test_, sanitize.sh compile.sh numbers.sh render.sh bits.sh fast_math.sh \
-              stack.sh) \
+              stack.sh gpu.sh) \
             $(addprefix $(BUILD)/test_, lights_lamps kd_statistics kd_fit halftone cdf kd_warp \
               kd_exact kd_facing kd_table bilinear coarse lights_cuts lights lights_decomposed \
               kd_layout steps mapping placement)
@@ -65,7 +70,7 @@ TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o)
 .PHONY: help demo check install lights sun-and-sky engine facing product render unbiased gallery \
         tables test bench samplers scale fuzz corpus mutants coverage figures facing-table \
         convergence halftone scene lamps coarse shapes builds targets importance least-squares \
-        left-out again numbers portability portability-setup data setup clean
+        left-out again numbers portability portability-setup gpu gpu-bench data setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' Makefile
@@ -213,6 +218,15 @@ SHORT = $(addprefix $(BUILD)/, samplers facing_gallery product_gallery)
 numbers: $(SHORT)  ## the numbers of the README files, printed again and compared
 	perl tests/numbers.pl $(if $(filter undefined,$(origin LONG)),,-l $(LONG))
 
+# Without a GPU Mesa computes, half an hour on two cores. POINTS=100000: fewer than 10^6.
+gpu:  ## tables sampled in GLSL, HLSL and WGSL beside C, over made-up and real maps
+	@sh tests/setup_gpu.sh $(BUILD)
+	@$(MAKE) --no-print-directory $(BUILD)/gpu_check
+	sh examples/gpu/check.sh $(BUILD) $(or $(POINTS),1000000) $(wildcard $(DATA)/*.pfm)
+
+gpu-bench: $(if $(NVCC),$(BUILD)/gpu_bench)  ## samples a second on a CUDA device; MAP=file
+	@$(if $(NVCC),$(BUILD)/gpu_bench $(MAP_WORD),echo "samples a second: not measured, no nvcc")
+
 figures: $(BUILD)/figures  ## variance, fits and inverses over the real maps; POINTS=10000000
 	$(BUILD)/figures $(POINTS)
 
@@ -324,6 +338,14 @@ $(BUILD)/samplers: bench/samplers.c $(BUILD)/baselines.o $(OBJECTS) $(HEADERS)
 $(BUILD)/demo_exr: bench/demo.c $(BUILD)/baselines.o $(EXR_OBJECTS) $(HEADERS)
 	$(COMPILE) -DENVSAMP_IMPLEMENTED $(EXR_CFLAGS) $< $(BUILD)/baselines.o $(EXR_OBJECTS) \
 	    $(EXR_LIBS) $(LIBM) -o $@
+
+$(BUILD)/gpu_check: $(addprefix examples/gpu/, check.c gpu.c gpu.h) \
+                    $(addprefix $(BUILD)/, image.o hdr.o maps.o) $(HEADERS)
+	$(COMPILE) $(filter %.c %.o,$^) $(GPU_LIBS) -o $@
+
+$(BUILD)/gpu_bench: examples/gpu/bench.cu $(addprefix $(BUILD)/, baselines.o image.o hdr.o maps.o) \
+                    $(HEADERS)
+	$(SAY)$(or $(NVCC),nvcc) -O3 -I. $(filter %.cu %.o,$^) -o $@
 
 # Alone, as a user has it.
 $(BUILD)/quickstart: $(addprefix examples/, quickstart.c common/image.c common/hdr.c) $(HEADERS) \

@@ -19,6 +19,9 @@ __global__ void draw(const envsamp_kd *kd, const float *u, envsamp_sample *s, fl
 {
     *s = envsamp_kd_sample(kd, u[0], u[1]);
     *pdf = envsamp_kd_pdf(kd, s->dir);
+    *s = envsamp_kd_sample_facing(kd, s->dir, u[2], u[3]);
+    *pdf += envsamp_kd_pdf_facing(kd, u, s->dir);
+    envsamp_kd_invert_facing(kd, u, s->dir, back);
     envsamp_kd_invert(kd, s->dir, back);
     envsamp_dir_to_uv(ENVSAMP_OCTAHEDRAL, s->dir, back + 2);
     envsamp_uv_to_dir(ENVSAMP_OCTAHEDRAL, back[2], back[3], back + 4);
