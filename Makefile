@@ -343,7 +343,7 @@ $(BUILD)/gpu_check: $(addprefix examples/gpu/, check.c gpu.c gpu.h) \
                     $(addprefix $(BUILD)/, image.o hdr.o maps.o) $(HEADERS)
 	$(COMPILE) $(filter %.c %.o,$^) $(GPU_LIBS) -o $@
 
-$(BUILD)/gpu_bench: examples/gpu/bench.cu $(addprefix $(BUILD)/, baselines.o image.o hdr.o maps.o) \
+$(BUILD)/gpu_bench: bench/gpu.cu $(addprefix $(BUILD)/, baselines.o image.o hdr.o maps.o) \
                     $(HEADERS)
 	$(SAY)$(or $(NVCC),nvcc) -O3 -I. $(filter %.cu %.o,$^) -o $@
 

@@ -1,4 +1,4 @@
-/* bench.cu: samples a second on a GPU: envsamp.h as device code beside inversion by binary search
+/* gpu.cu: samples a second on a GPU: envsamp.h as device code beside inversion by binary search
  * and an alias table over texels, as [Ergun et al. 2012] compare them.
  *
  *     gpu_bench                made-up sky, 2048x1024 and 8192x4096
@@ -8,19 +8,19 @@
  * warp draw neighbouring points of the unit square, as pixels of one tile do in a renderer with
  * stratified numbers. Incoherent: hashed, anywhere. Contenders take turns; the median of the rounds
  * is reported. Before that, at 512x256: the inversion and the alias table of this file draw on the
- * CPU what bench/baselines.c does, and all contenders draw on the GPU what they do on the CPU, but
+ * CPU what baselines.c does, and all contenders draw on the GPU what they do on the CPU, but
  * for rounding. Without a GPU the first is all, and times are "not measured".
  *
  * Compile by nvcc; link image.c, hdr.c, maps.c and bench/baselines.c: "make gpu-bench".
  */
 #define ENVSAMP_STATIC
 #define ENVSAMP_IMPLEMENTATION
-#include "../../envsamp.h"
+#include "../envsamp.h"
 
 extern "C" {
-#include "../common/image.h"
-#include "../common/maps.h"
-#include "../../bench/baselines.h"
+#include "../examples/common/image.h"
+#include "../examples/common/maps.h"
+#include "baselines.h"
 }
 
 #include <algorithm>
