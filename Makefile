@@ -254,13 +254,14 @@ $(BUILD)/render: examples/render/render.c $(RENDER_OBJECTS) $(HEADERS)
 $(BUILD)/render_unbiased: $(BUILD)/render_unbiased.o $(RENDER_OBJECTS)
 	$(LINK) $^ $(RENDER_LIBS) -o $@
 
-$(BUILD)/strip: bench/strip.c bench/stage.c $(BUILD)/errors.o $(RENDER_OBJECTS) $(HEADERS)
+$(BUILD)/strip: bench/strip.c bench/stage.c $(BUILD)/errors.o $(BUILD)/filtered.o \
+                $(RENDER_OBJECTS) $(HEADERS)
 	$(COMPILE) $(filter %.c %.o,$^) $(RENDER_LIBS) -o $@
 
 TABLE_FLAGS   = -DBENCH_FLAGS='"$(CFLAGS)"' -DBENCH_COMMIT='"$(shell git describe --always --dirty \
                   2>/dev/null || echo unknown)"'
 TABLE_SOURCES = $(addprefix bench/, render_tables.c render_report.c stage.c cells.c)
-TABLE_OBJECTS = $(addprefix $(BUILD)/, render_rivals.o errors.o) $(RENDER_OBJECTS)
+TABLE_OBJECTS = $(addprefix $(BUILD)/, render_rivals.o errors.o filtered.o) $(RENDER_OBJECTS)
 $(BUILD)/render_tables: $(TABLE_SOURCES) $(TABLE_OBJECTS) $(HEADERS)
 	$(COMPILE) $(TABLE_FLAGS) $(TABLE_SOURCES) $(TABLE_OBJECTS) $(RENDER_LIBS) -o $@
 

@@ -80,6 +80,9 @@ int cells_open(cells *all, const char *path, const char *header, char *error, si
         snprintf(all->header, sizeof all->header, "%s\n", header);
         fprintf(all->file, "%s\n", header);
     }
+    snprintf(all->more, sizeof all->more, "%.*s\n", (int)strcspn(header, "\n"), header);
+    if (strstr(all->header, all->more))
+        all->more[0] = 0;
     fflush(all->file);
     return 1;
 }
@@ -98,7 +101,10 @@ int cells_add(cells *all, const char *key, const double value[CELL_VALUES])
 {
     int i;
 
-    fprintf(all->file, "%s", key);
+    if (all->more[0] && strlen(all->header) + strlen(all->more) < sizeof all->header)
+        strcat(all->header, all->more);
+    fprintf(all->file, "%s%s", all->more, key);
+    all->more[0] = 0;
     for (i = 0; i < CELL_VALUES; i++)
         fprintf(all->file, ",%.6g", value[i]);
     fprintf(all->file, "\n");
