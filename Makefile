@@ -62,7 +62,7 @@ RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o) $(EXR_OBJECTS)
 
 .PHONY: help demo check install lights facing product render unbiased gallery tables test bench \
-        scale fuzz corpus mutants coverage figures facing-table convergence halftone scene lamps \
+        lines scale fuzz corpus mutants coverage figures facing-table convergence halftone scene lamps \
         coarse shapes builds targets importance least-squares left-out again portability \
         portability-setup data setup clean
 
@@ -146,6 +146,10 @@ bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other 
 	$(BUILD)/bench $(MAP_WORD)
 	$(BUILD)/cold $(MAP_WORD)
 	$(BUILD)/bench_batch $(MAP_WORD)
+
+# Needs valgrind. MAP: as for bench.
+lines: $(BUILD)/lines  ## cache lines of its table that a sample and a density touch; MAP=file
+	$(BUILD)/lines $(MAP_WORD)
 
 scale: $(BUILD)/scale  ## large maps by row callback, and builds in steps
 	$(BUILD)/scale $(MAP_WORD)
@@ -299,6 +303,9 @@ $(BUILD)/bench: bench/bench.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
 
 $(BUILD)/cold: bench/cold.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/cold.c $(TIMED) $(COMMON) $(LIBM) -o $@
+
+$(BUILD)/lines: bench/lines.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) bench/lines.c $(TIMED) $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/scale: bench/scale.c bench/input.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/scale.c bench/input.c $(COMMON) $(LIBM) -o $@
