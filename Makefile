@@ -127,10 +127,11 @@ left-out: | $(BUILD)  ## compile time and text of the header, whole and with par
 
 # The real maps, where make data has fetched them.
 gallery: setup  ## every picture of the README, in build/pictures
-	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip demo lights_gallery \
-	    facing_gallery product)
+	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip ward demo \
+	    lights_gallery facing_gallery product)
 	@mkdir -p $(BUILD)/pictures $(BUILD)/references
 	$(BUILD)/strip -t $(JOBS) $(MAP_WORD)
+	$(BUILD)/ward -t $(JOBS)
 	$(BUILD)/demo -o $(BUILD)/pictures
 	$(BUILD)/lights_gallery -k 32 -o $(BUILD)/pictures sky
 	$(BUILD)/facing_gallery -o $(BUILD)/pictures
@@ -258,8 +259,8 @@ $(BUILD)/render: examples/render/render.c $(RENDER_OBJECTS) $(HEADERS)
 $(BUILD)/render_unbiased: $(BUILD)/render_unbiased.o $(RENDER_OBJECTS)
 	$(LINK) $^ $(RENDER_LIBS) -o $@
 
-$(BUILD)/strip: bench/strip.c bench/stage.c $(BUILD)/errors.o $(BUILD)/filtered.o \
-                $(RENDER_OBJECTS) $(HEADERS)
+$(BUILD)/strip $(BUILD)/ward: $(BUILD)/%: bench/%.c bench/stage.c $(BUILD)/errors.o \
+                              $(BUILD)/filtered.o $(RENDER_OBJECTS) $(HEADERS)
 	$(COMPILE) $(filter %.c %.o,$^) $(RENDER_LIBS) -o $@
 
 TABLE_FLAGS   = -DBENCH_FLAGS='"$(CFLAGS)"' -DBENCH_COMMIT='"$(shell git describe --always --dirty \
