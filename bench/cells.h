@@ -27,6 +27,7 @@ typedef struct cells {
     FILE *file;
     cell *list;
     size_t count, room;
+    size_t *slots;                   /* hash table of 2 x room: places in the list from 1, or 0 */
     char header[512];                /* of the file: with what its cells were measured */
     char more[128];                  /* to be added to that before the next cell; or empty */
 } cells;
