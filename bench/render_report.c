@@ -203,6 +203,15 @@ static ratios compare(const cells *all, const char *table, const char *label,
     return compare_in(all, table_scenes, table, label, base_table, base, which);
 }
 
+/* Rows of lights were added one after another: a picture that lacks the last of them counts in none,
+   so that means are of the same pictures. */
+static int is_whole(const cells *all, const char *table, const char *map, const char *where)
+{
+    return strcmp(table, "lights")
+        || value_at(all, table, map, where, table_lights_all[TABLE_LIGHTS - 1].label, CELL_COUNT)
+           > 0.0;
+}
+
 /* Arithmetic mean over all cells of a method; of logarithms, where `geometric`. */
 static double mean_in(const cells *all, const char *const *scenes, const char *table,
                       const char *label, int which, int geometric)
@@ -214,7 +223,7 @@ static double mean_in(const cells *all, const char *const *scenes, const char *t
         for (s = 0; scenes[s]; s++) {
             const double value = value_at(all, table, report_maps[m], scenes[s], label, which);
 
-            if (value == value) {
+            if (value == value && is_whole(all, table, report_maps[m], scenes[s])) {
                 sum += geometric ? log(fmax(value, 1e-9)) : value;
                 count++;
             }
@@ -242,7 +251,7 @@ static double rank_of(const cells *all, const char *const *scenes, int number, i
             const double value = value_at(all, "lights", report_maps[m], scenes[s],
                                           table_lights_all[number].label, which);
 
-            if (!(value == value))
+            if (!(value == value) || !is_whole(all, "lights", report_maps[m], scenes[s]))
                 continue;
             sum += 1.0;
             for (i = first; i < end; i++)
