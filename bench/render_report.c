@@ -371,7 +371,7 @@ static void print_safe(FILE *out, const cells *all)
         return;
     fprintf(out, "\n## Where the safe default is\n\nRelative RMSE in the time of %s with 16 "
             "samples, over its own, direct light, Sobol points, by scene:\ngeometric mean of the "
-            "maps, and the worst map. Above 1: pictures of all; and the worst picture. The last two "
+            "maps, and the worst map. Above 1: pictures of all; and the worst one. The last two "
             "are\nwithout the worst 0.2 %% of pixels, where fireflies are.\n\n| method |", base);
     for (s = 0; table_all_scenes[s]; s++)
         fprintf(out, " %s | worst |", table_all_scenes[s]);
