@@ -402,8 +402,20 @@ static void print_safe(FILE *out, const cells *all)
             least);
 }
 
+/* On how many maps filtered samples err less than the method. */
+static int filtered_wins(const cells *all, const char *table, const char *label)
+{
+    int m, wins = 0;
+
+    for (m = 0; m < REPORT_MAPS; m++)
+        wins += value_at(all, table, report_maps[m], STAGE_WARD, FILTERED_LABEL, CELL_RELATIVE)
+              < value_at(all, table, report_maps[m], STAGE_WARD, label, CELL_RELATIVE);
+    return wins;
+}
+
 static void print_filtered(FILE *out, const cells *all)
 {
+    const char *rival = table_filtered[2].label;
     int i, count;
     char table[32];
 
@@ -429,6 +441,12 @@ static void print_filtered(FILE *out, const cells *all)
                 mean_in(all, table_ward_scene, "ward-time", label, CELL_COUNT, 0),
                 mean_in(all, table_ward_scene, "ward-time", label, CELL_RELATIVE, 1), r.worst,
                 r.worst_map, mean_in(all, table_ward_scene, "ward-time", label, CELL_FLIP, 0));
+    }
+    fprintf(out, "\nMaps on which filtered samples err less than %s:", rival);
+    for (count = 4; count <= 256; count *= 4) {
+        snprintf(table, sizeof table, "ward-%d", count);
+        fprintf(out, " %d at %d%s", filtered_wins(all, table, rival), count,
+                count < 256 ? "," : ".\n");
     }
 }
 
