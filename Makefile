@@ -68,7 +68,7 @@ RENDER_OBJECTS = $(patsubst %,$(BUILD)/render_%.o,$(RENDER_PARTS)) $(EXR_OBJECTS
 TEST_OBJECTS = $(addprefix $(BUILD)/, inside.o statistics.o errors.o filtered.o) $(EXR_OBJECTS)
 
 .PHONY: help demo check install lights sun-and-sky engine facing product render unbiased gallery \
-        tables test bench samplers scale fuzz corpus mutants coverage figures facing-table \
+        tables test bench lines samplers scale fuzz corpus mutants coverage figures facing-table \
         convergence halftone scene lamps coarse shapes builds targets importance least-squares \
         left-out again numbers portability portability-setup gpu gpu-bench data setup clean
 
@@ -158,10 +158,11 @@ left-out: | $(BUILD)  ## compile time and text of the header, whole and with par
 
 # The real maps, where make data has fetched them.
 gallery: setup  ## every picture of the README, in build/pictures
-	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip demo lights_gallery \
+	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip ward demo lights_gallery \
 	    facing_gallery product_gallery)
 	@mkdir -p $(BUILD)/pictures $(BUILD)/references
 	$(BUILD)/strip -t $(JOBS) $(MAP_WORD)
+	$(BUILD)/ward -t $(JOBS)
 	$(BUILD)/demo -o $(BUILD)/pictures
 	$(BUILD)/lights_gallery -k 32 -o $(BUILD)/pictures sky
 	$(BUILD)/facing_gallery -o $(BUILD)/pictures
@@ -181,6 +182,10 @@ bench: $(addprefix $(BUILD)/, bench cold bench_batch)  ## time it against other 
 
 samplers: $(BUILD)/samplers  ## every kind of table: bytes, times, variance, MIS; MAP=file
 	$(BUILD)/samplers $(MAP_WORD)
+
+# Needs valgrind. MAP: as for bench.
+lines: $(BUILD)/lines  ## cache lines of its table that a sample and a density touch; MAP=file
+	$(BUILD)/lines $(MAP_WORD)
 
 scale: $(BUILD)/scale  ## large maps by row callback, and builds in steps
 	$(BUILD)/scale $(MAP_WORD)
@@ -303,13 +308,14 @@ $(BUILD)/render: examples/render/render.c $(RENDER_OBJECTS) $(HEADERS)
 $(BUILD)/render_unbiased: $(BUILD)/render_unbiased.o $(RENDER_OBJECTS)
 	$(LINK) $^ $(RENDER_LIBS) -o $@
 
-$(BUILD)/strip: bench/strip.c bench/stage.c $(BUILD)/errors.o $(RENDER_OBJECTS) $(HEADERS)
+$(BUILD)/strip $(BUILD)/ward: $(BUILD)/%: bench/%.c bench/stage.c $(BUILD)/errors.o \
+                              $(BUILD)/filtered.o $(RENDER_OBJECTS) $(HEADERS)
 	$(COMPILE) $(filter %.c %.o,$^) $(RENDER_LIBS) -o $@
 
 TABLE_FLAGS   = -DBENCH_FLAGS='"$(CFLAGS)"' -DBENCH_COMMIT='"$(shell git describe --always --dirty \
                   2>/dev/null || echo unknown)"'
 TABLE_SOURCES = $(addprefix bench/, render_tables.c render_report.c stage.c cells.c)
-TABLE_OBJECTS = $(addprefix $(BUILD)/, render_rivals.o errors.o) $(RENDER_OBJECTS)
+TABLE_OBJECTS = $(addprefix $(BUILD)/, render_rivals.o errors.o filtered.o) $(RENDER_OBJECTS)
 $(BUILD)/render_tables: $(TABLE_SOURCES) $(TABLE_OBJECTS) $(HEADERS)
 	$(COMPILE) $(TABLE_FLAGS) $(TABLE_SOURCES) $(TABLE_OBJECTS) $(RENDER_LIBS) -o $@
 
@@ -361,6 +367,9 @@ $(BUILD)/bench: bench/bench.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
 
 $(BUILD)/cold: bench/cold.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/cold.c $(TIMED) $(COMMON) $(LIBM) -o $@
+
+$(BUILD)/lines: bench/lines.c $(TIMED) $(COMMON) $(HEADERS) | $(BUILD)
+	$(COMPILE) bench/lines.c $(TIMED) $(COMMON) $(LIBM) -o $@
 
 $(BUILD)/scale: bench/scale.c bench/input.c $(COMMON) $(HEADERS) | $(BUILD)
 	$(COMPILE) -DBENCH_FLAGS='"$(CFLAGS)"' bench/scale.c bench/input.c $(COMMON) $(LIBM) -o $@

@@ -1,22 +1,52 @@
 /* cells.c: see cells.h. */
 #include "cells.h"
 
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define LINE 512
 
+/* Where a key is, or would be put. */
+static size_t *slot_of(const cells *all, const char *key)
+{
+    uint32_t hash = 2166136261u;            /* FNV-1a */
+    size_t at, i;
+
+    for (i = 0; key[i]; i++)
+        hash = (hash ^ (unsigned char)key[i]) * 16777619u;
+    at = hash % (2 * all->room);
+    while (all->slots[at] && strcmp(all->list[all->slots[at] - 1].key, key))
+        at = (at + 1) % (2 * all->room);
+    return all->slots + at;
+}
+
+/* Makes room for twice as many. Returns 0 where memory is short. */
+static int grow(cells *all)
+{
+    const size_t room = all->room ? 2 * all->room : 1024;
+    cell *list = (cell *)realloc(all->list, room * sizeof *list);
+    size_t *slots = (size_t *)calloc(2 * room, sizeof *slots), i;
+
+    if (list)
+        all->list = list;
+    if (!list || !slots) {
+        free(slots);
+        return 0;
+    }
+    free(all->slots);
+    all->slots = slots;
+    all->room = room;
+    for (i = 0; i < all->count; i++)
+        *slot_of(all, all->list[i].key) = i + 1;
+    return 1;
+}
+
 static int put(cells *all, const char *key, const double value[CELL_VALUES])
 {
-    if (all->count == all->room) {
-        const size_t room = all->room ? 2 * all->room : 1024;
-        cell *grown = (cell *)realloc(all->list, room * sizeof *grown);
-
-        if (!grown)
-            return 0;
-        all->list = grown;
-        all->room = room;
-    }
+    if (all->count == all->room && !grow(all))
+        return 0;
+    *slot_of(all, key) = all->count + 1;
     snprintf(all->list[all->count].key, CELL_KEY, "%s", key);
     memcpy(all->list[all->count].value, value, CELL_VALUES * sizeof *value);
     all->count++;
@@ -80,25 +110,28 @@ int cells_open(cells *all, const char *path, const char *header, char *error, si
         snprintf(all->header, sizeof all->header, "%s\n", header);
         fprintf(all->file, "%s\n", header);
     }
+    snprintf(all->more, sizeof all->more, "%.*s\n", (int)strcspn(header, "\n"), header);
+    if (strstr(all->header, all->more))
+        all->more[0] = 0;
     fflush(all->file);
     return 1;
 }
 
 const cell *cells_find(const cells *all, const char *key)
 {
-    size_t i;
+    const size_t found = all->count ? *slot_of(all, key) : 0;
 
-    for (i = all->count; i-- > 0;)
-        if (!strcmp(all->list[i].key, key))
-            return &all->list[i];
-    return NULL;
+    return found ? &all->list[found - 1] : NULL;
 }
 
 int cells_add(cells *all, const char *key, const double value[CELL_VALUES])
 {
     int i;
 
-    fprintf(all->file, "%s", key);
+    if (all->more[0] && strlen(all->header) + strlen(all->more) < sizeof all->header)
+        strcat(all->header, all->more);
+    fprintf(all->file, "%s%s", all->more, key);
+    all->more[0] = 0;
     for (i = 0; i < CELL_VALUES; i++)
         fprintf(all->file, ",%.6g", value[i]);
     fprintf(all->file, "\n");
@@ -110,5 +143,6 @@ void cells_close(cells *all)
     if (all->file)
         fclose(all->file);
     free(all->list);
+    free(all->slots);
     memset(all, 0, sizeof *all);
 }

@@ -7,7 +7,7 @@
  *     cells_close(&all);
  *
  * A line is a key, which has no quotes and a fixed number of commas, and CELL_VALUES numbers. Lines
- * that begin with # say with what the cells were measured.
+ * that begin with # say with what the cells below them were measured.
  */
 #ifndef CELLS_H
 #define CELLS_H
@@ -27,10 +27,13 @@ typedef struct cells {
     FILE *file;
     cell *list;
     size_t count, room;
+    size_t *slots;                   /* hash table of 2 x room: places in the list from 1, or 0 */
     char header[512];                /* of the file: with what its cells were measured */
+    char more[128];                  /* to be added to that before the next cell; or empty */
 } cells;
 
-/* Reads what is there; a new file begins with `header`. A last line that was cut off is dropped.
+/* Reads what is there; a new file begins with `header`; where an old one has another, the first line
+   of `header` comes before the next cell. A last line that was cut off is dropped.
    Returns 0, with one line in `error`, for a file that cannot be read or written. */
 int cells_open(cells *all, const char *path, const char *header, char *error, size_t error_size);
 

@@ -1,5 +1,5 @@
-/* facing_gallery.c: spheres on a plane, with shadows, lit by a map: light x cosine from one table, beside
- * light alone and multiple importance sampling.
+/* facing_gallery.c: spheres on a plane, with shadows, lit by a map: light x cosine from one table,
+ * beside light alone and multiple importance sampling.
  *
  *     facing_gallery [-q] [-o FOLDER] [MAP]
  *
@@ -397,18 +397,19 @@ static int draw_picture(const trial *t)
     picture canvas;
     int row, by, ok;
 
-    if (!picture_alloc(&canvas, last + SCENE_WIDTH, ROWS * ROW_HEIGHT))
+    if (!picture_alloc(&canvas, last + SCENE_WIDTH, SCENE_TITLE + ROWS * ROW_HEIGHT))
         return fail(t->name, "not enough memory for a picture");
     picture_fill(&canvas, 0, 0, canvas.width, canvas.height, ground);
+    picture_text(&canvas, 6, 6, 2, white, "Rays a pixel, Owen-Sobol points. RMSE over the mean");
     for (row = 0; row < ROWS; row++)
         for (by = 0; by < WAYS; by++) {
-            snprintf(name, sizeof name, "%s %u", ways[by].name, (unsigned)counts[row]);
-            mis_draw_panel(&canvas, by * SCENE_WIDTH, row * ROW_HEIGHT, &t->panels[SOBOL][row][by],
-                           exposure, name);
+            snprintf(name, sizeof name, "%s: %u", ways[by].name, (unsigned)counts[row]);
+            mis_draw_panel(&canvas, by * SCENE_WIDTH, SCENE_TITLE + row * ROW_HEIGHT,
+                           &t->panels[SOBOL][row][by], exposure, name);
         }
-    mis_draw_panel(&canvas, last, 0, reference, exposure, "REFERENCE");
-    picture_map(&canvas, last, ROW_HEIGHT, SCENE_WIDTH, SCENE_HEIGHT, &t->map, exposure);
-    picture_text(&canvas, last + 6, ROW_HEIGHT + SCENE_HEIGHT + 4, 2, white, "THE MAP");
+    mis_draw_panel(&canvas, last, SCENE_TITLE, reference, exposure, "REFERENCE");
+    picture_map(&canvas, last, SCENE_TITLE + ROW_HEIGHT, SCENE_WIDTH, SCENE_HEIGHT, &t->map, exposure);
+    picture_text(&canvas, last + 6, SCENE_TITLE + ROW_HEIGHT + SCENE_HEIGHT + 4, 2, white, "THE MAP");
     MAKE_FOLDER(t->folder);          /* where it fails, so does the picture */
     snprintf(path, sizeof path, "%s/facing_%s.png", t->folder, t->name);
     ok = picture_write(&canvas, path, error, sizeof error);

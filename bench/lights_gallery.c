@@ -185,8 +185,7 @@ static void shade_balls(gallery *g)
 
 /* A circle whose area is the light's energy: red for a direct light, blue for the others, as in
    figure 5 of [Wu 2024]. */
-static void draw_light(picture *canvas, int left, int top, const gallery *g,
-                       const envsamp_light *light)
+static void draw_light(picture *shown, const gallery *g, const envsamp_light *light)
 {
     static const unsigned char direct[3] = {230, 40, 40}, indirect[3] = {40, 120, 255};
     const double share = (double)envsamp_luminance(light->irradiance) / g->luminance;
@@ -195,10 +194,27 @@ static void draw_light(picture *canvas, int left, int top, const gallery *g,
     double at[2];
 
     envsamp_dir_to_uv(ENVSAMP_LATLONG, light->dir, uv);
-    at[0] = (double)uv[0] * 2.0 * ROW_HEIGHT + left;
-    at[1] = (double)uv[1] * ROW_HEIGHT + top;
-    picture_line(canvas, at, at, width + 2.5, map_white);
-    picture_line(canvas, at, at, width, light->direct ? direct : indirect);
+    at[0] = (double)uv[0] * 2.0 * ROW_HEIGHT;
+    at[1] = (double)uv[1] * ROW_HEIGHT;
+    picture_line(shown, at, at, width + 2.5, map_white);
+    picture_line(shown, at, at, width, light->direct ? direct : indirect);
+}
+
+/* The map with its lights, cut off at its edges. Returns 0 if memory is short. */
+static int draw_map(picture *canvas, int left, int top, const gallery *g, int method)
+{
+    picture shown;
+    int i;
+
+    if (!picture_alloc(&shown, 2 * ROW_HEIGHT, ROW_HEIGHT))
+        return 0;
+    picture_map(&shown, 0, 0, shown.width, shown.height, &g->map,
+                map_exposure(&g->map, g->luminance));
+    for (i = 0; i < g->count && method != REFERENCE; i++)
+        draw_light(&shown, g, &g->lights[method][i]);
+    picture_paste(canvas, left, top, &shown);
+    picture_free(&shown);
+    return 1;
 }
 
 static void draw_ball_with_error(picture *canvas, int x, int y, const gallery *g, int surface,
@@ -216,43 +232,42 @@ static void draw_ball_with_error(picture *canvas, int x, int y, const gallery *g
 }
 
 /* `method` REFERENCE: the map alone, and the spheres in all of its light. */
-static void draw_row(picture *canvas, const gallery *g, int row, int method)
+static int draw_row(picture *canvas, const gallery *g, int row, int method)
 {
     const int top = row / 2 * (ROW_HEIGHT + TITLE_HEIGHT) + TITLE_HEIGHT;
     const int left = row % 2 * ROW_WIDTH;
     char title[96];
-    int i, surface;
+    int surface;
 
-    snprintf(title, sizeof title, "%s: ALL OF THE MAP", g->name);
-    picture_map(canvas, left, top, 2 * ROW_HEIGHT, ROW_HEIGHT, &g->map,
-                map_exposure(&g->map, g->luminance));
-    if (method != REFERENCE) {
+    snprintf(title, sizeof title, "%s: ALL OF THE MAP. RMSE OVER THE MEAN", g->name);
+    if (method != REFERENCE)
         snprintf(title, sizeof title, "%s, %d LIGHTS: IRRADIANCE RMSE %.3f", methods[method].name,
                  g->count, g->rmse[method]);
-        for (i = 0; i < g->count; i++)
-            draw_light(canvas, left, top, g, &g->lights[method][i]);
-    }
+    if (!draw_map(canvas, left, top, g, method))
+        return 0;
     picture_text(canvas, left + 6, top - TITLE_HEIGHT + 6, 2, map_white, title);
     for (surface = 0; surface < SURFACE_COUNT; surface++)
         draw_ball_with_error(canvas, left + BALLS_AT + surface * SPHERE_SIDE, top + 34, g, surface,
                              method);
+    return 1;
 }
 
 static int draw_gallery(const gallery *g)
 {
     char path[512], error[600];
     picture canvas;
-    int method, ok;
+    int method, ok = 1;
 
     if (!picture_alloc(&canvas, 2 * ROW_WIDTH,
                        (METHOD_COUNT + 2) / 2 * (ROW_HEIGHT + TITLE_HEIGHT) + 12))
         return fail(g->name, "not enough memory");
     picture_fill(&canvas, 0, 0, canvas.width, canvas.height, map_ground);
     for (method = 0; method < METHOD_COUNT; method++)
-        draw_row(&canvas, g, method, method);
-    draw_row(&canvas, g, METHOD_COUNT, REFERENCE);
+        ok = ok && draw_row(&canvas, g, method, method);
+    ok = ok && draw_row(&canvas, g, METHOD_COUNT, REFERENCE);
+    snprintf(error, sizeof error, "%s: not enough memory", g->name);
     snprintf(path, sizeof path, "%s/lights_%s.png", g->folder, g->name);
-    ok = picture_write(&canvas, path, error, sizeof error);
+    ok = ok && picture_write(&canvas, path, error, sizeof error);
     picture_free(&canvas);
     if (!ok)
         fprintf(stderr, "lights_gallery: %s\n", error);

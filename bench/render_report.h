@@ -18,22 +18,47 @@ typedef struct table_method {
 /* A list of lights, of the library or of a rival, and how it is rendered. */
 typedef struct table_lights {
     const char *label, *method;
-    int interleaved, reduce;
+    int sets, reduce;
 } table_lights;
 
-#define TABLE_SCENES 4
+/* DECOMPOSED without a part of it; and what is published of that, or zeros. */
+typedef struct table_ablation {
+    const char *label;
+    float mask_scale;                /* as in envsamp_lights_desc, and the next two */
+    int refine_rounds;
+    float weights[3];
+    int sets, reduce;
+    double rmse, flip;
+} table_ablation;
+
 #define TABLE_METHODS 15
-#define TABLE_LIGHTS 12
+#define TABLE_SAFE 6
+#define TABLE_LIGHTS 20
+#define TABLE_SINGLE 9                      /* of these, the first: without interleaved sets */
+#define TABLE_ABLATIONS 8
+#define TABLE_FILTERED 4
 #define TABLE_ERGUN 5
 #define TABLE_PRODUCT 5
 #define TABLE_CALLS 7
+#define FILTERED_LABEL "filtered"
+#define FILTERED_EQUAL 16                   /* samples of it, whose time is given to all */
 #define REPORT_REAL 18
 #define REPORT_MAPS (REPORT_REAL + 1)       /* the last is made-up, for Ergun's figures */
 
-extern const char *const table_scenes[TABLE_SCENES];
+/* Scenes of a table; NULL at the end. */
+extern const char *const table_scenes[];            /* the four of most tables */
+extern const char *const table_all_scenes[];
+extern const char *const table_soft_scenes[];       /* without the highly glossy one, as Wu's */
+extern const char *const table_glossy_scene[];
+extern const char *const table_metal_scene[];       /* of `table_safe` alone */
+extern const char *const table_ward_scene[];
+
 extern const char *const report_maps[REPORT_MAPS];
 extern const table_method table_methods[TABLE_METHODS];    /* the first: what renderers ship */
+extern const table_method table_safe[TABLE_SAFE];          /* the first: the same */
 extern const table_lights table_lights_all[TABLE_LIGHTS];
+extern const table_ablation table_ablations[TABLE_ABLATIONS];
+extern const table_method table_filtered[TABLE_FILTERED];  /* beside FILTERED_LABEL */
 extern const table_method table_ergun[TABLE_ERGUN];
 extern const table_method table_product[TABLE_PRODUCT];
 extern const table_method table_calls[TABLE_CALLS];

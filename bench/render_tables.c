@@ -3,7 +3,8 @@
  *
  *     render_tables [-q] [-t THREADS] [-o FOLDER] [TABLE...]
  *
- * TABLE is samplers, bounces, lights, ergun, product or calls; all without one. Cells go to
+ * TABLE is samplers, safe, bounces, lights, ablation, ergun, ward, product or calls; all without
+ * one. Cells go to
  * FOLDER/render.csv (bench/results) as they are done, and are not measured again; tables to
  * FOLDER/render.md. References are kept in build/references. An hour and a half on two cores; -q
  * measures a little of everything in seconds, under the made-up map, to see that it works.
@@ -33,6 +34,7 @@
 
 #define ERROR_SIZE 512
 #define SEED 7
+#define ABLATION_SEEDS 4
 #define REFERENCES "build/references"
 
 typedef struct program {
@@ -149,18 +151,20 @@ static double sample_seconds(const stage *s, const table_method *of)
     return time;
 }
 
-/* Whether all methods have their cells. */
-static int all_done(const program *p, const char *table, const char *where)
+/* Whether all of some methods have their cells. */
+static int all_done(const program *p, const char *table, const char *where,
+                    const table_method *methods, int count)
 {
     int i = 0;
 
-    while (i < TABLE_METHODS && is_done(p, table, where, table_methods[i].label))
+    while (i < count && is_done(p, table, where, methods[i].label))
         i++;
-    return i == TABLE_METHODS;
+    return i == count;
 }
 
 /* Seconds of processor time a sample of the whole picture: the least of three turns. */
-static void time_methods(program *p, const stage *s, const char *table, const char *where)
+static void time_methods(program *p, const stage *s, const char *table, const char *where,
+                         const table_method *methods, int method_count)
 {
     const uint32_t count = p->quick ? 1 : 4;
     image picture = make_picture(s);
@@ -168,19 +172,17 @@ static void time_methods(program *p, const stage *s, const char *table, const ch
     method by[TABLE_METHODS];
     int i, round;
 
-    if (all_done(p, table, where))
-        return;
-    for (i = 0; i < TABLE_METHODS; i++)
-        by[i] = open_method(s, &table_methods[i]);
+    for (i = 0; i < method_count; i++)
+        by[i] = open_method(s, &methods[i]);
     for (round = 0; round < ROUND_COUNT; round++)
-        for (i = 0; i < TABLE_METHODS; i++) {
+        for (i = 0; i < method_count; i++) {
             const double time = stage_render(s, &by[i], count, 0, SEED, &picture) / count;
 
             least[i] = round ? fmin(least[i], time) : time;
         }
-    for (i = 0; i < TABLE_METHODS; i++) {
-        if (!is_done(p, table, where, table_methods[i].label))
-            keep(p, s, table, where, table_methods[i].label, count, least[i], NULL, 0.0);
+    for (i = 0; i < method_count; i++) {
+        if (!is_done(p, table, where, methods[i].label))
+            keep(p, s, table, where, methods[i].label, count, least[i], NULL, 0.0);
         method_close(&by[i]);
     }
     image_free(&picture);
@@ -188,7 +190,8 @@ static void time_methods(program *p, const stage *s, const char *table, const ch
 
 /* At as many samples, by Sobol points and, of direct light, independent numbers; and in the time
    that the first method takes. */
-static void measure_samplers(program *p, const char *where, int bounces)
+static void measure_samplers(program *p, const char *where, int bounces,
+                             const table_method *methods, int method_count)
 {
     const char *table = bounces > 1 ? "bounces" : "samplers";
     const uint32_t count = p->quick ? 2 : 16;
@@ -199,14 +202,14 @@ static void measure_samplers(program *p, const char *where, int bounces)
     snprintf(alone, sizeof alone, "%s-independent", table);
     snprintf(equal, sizeof equal, "%s-time", table);
     snprintf(cost, sizeof cost, "%s-cost", table);
-    if (all_done(p, equal, where))
+    if (all_done(p, equal, where, methods, method_count))
         return;
     open_stage(p, &s, where, bounces);
-    time_methods(p, &s, cost, where);
-    for (i = 0; i < TABLE_METHODS; i++) {
-        const table_method *of = &table_methods[i];
-        const double budget = count * value_of(p, cost, where, table_methods[0].label,
-                                               CELL_SECONDS);
+    if (!all_done(p, cost, where, methods, method_count))
+        time_methods(p, &s, cost, where, methods, method_count);
+    for (i = 0; i < method_count; i++) {
+        const table_method *of = &methods[i];
+        const double budget = count * value_of(p, cost, where, methods[0].label, CELL_SECONDS);
         const double fits = budget / value_of(p, cost, where, of->label, CELL_SECONDS);
 
         sample_cell(p, &s, table, where, of, count, 0);
@@ -217,8 +220,20 @@ static void measure_samplers(program *p, const char *where, int bounces)
     stage_close(&s);
 }
 
-static void measure_direct(program *p, const char *where) { measure_samplers(p, where, 1); }
-static void measure_bounced(program *p, const char *where) { measure_samplers(p, where, 5); }
+static void measure_direct(program *p, const char *where)
+{
+    measure_samplers(p, where, 1, table_methods, TABLE_METHODS);
+}
+
+static void measure_safe(program *p, const char *where)
+{
+    measure_samplers(p, where, 1, table_safe, TABLE_SAFE);
+}
+
+static void measure_bounced(program *p, const char *where)
+{
+    measure_samplers(p, where, 5, table_methods, TABLE_METHODS);
+}
 
 /* ---- lights ---- */
 
@@ -240,13 +255,33 @@ static void make_list(light_list *list, const table_lights *of, int count, const
         fail(error);
 }
 
+/* Returns seconds of processor time. */
+static double render_list(const stage *s, const light_list *list, int sets, int reduce,
+                          image *picture)
+{
+    const clock_t start = clock();
+    lights_job job;
+
+    memset(&job, 0, sizeof job);
+    job.scene = s->scene;
+    job.environment = &s->environment;
+    job.list = list;
+    job.sets = sets;
+    job.side = 1;
+    job.reduce = reduce;
+    job.seed = SEED;
+    job.threads = s->config->threads;
+    if (!lights_render(&job, picture))
+        fail("out of memory");
+    return (double)(clock() - start) / CLOCKS_PER_SEC;
+}
+
 static void lights_cell(program *p, const stage *s, const char *table, const char *where,
                         const table_lights *of, int count)
 {
     image picture;
     light_list list;
-    lights_job job;
-    clock_t start;
+    double time;
 
     if (is_done(p, table, where, of->label))
         return;
@@ -254,20 +289,8 @@ static void lights_cell(program *p, const stage *s, const char *table, const cha
     make_list(&list, of, count, s);
     if (of->reduce > 1 && !strcmp(of->method, "relaxed"))
         lights_mark(&list, LIGHTS_LAMP);    /* DECOMPOSED tells its lamps itself */
-    memset(&job, 0, sizeof job);
-    job.scene = s->scene;
-    job.environment = &s->environment;
-    job.list = &list;
-    job.sets = of->interleaved ? LIGHTS_SETS : 1;
-    job.side = 1;
-    job.reduce = of->reduce;
-    job.seed = SEED;
-    job.threads = s->config->threads;
-    start = clock();
-    if (!lights_render(&job, &picture))
-        fail("out of memory");
-    keep(p, s, table, where, of->label, count, (double)(clock() - start) / CLOCKS_PER_SEC,
-         &picture, 0.0);
+    time = render_list(s, &list, of->sets, of->reduce, &picture);
+    keep(p, s, table, where, of->label, count, time, &picture, 0.0);
     lights_free(&list);
     image_free(&picture);
 }
@@ -282,6 +305,9 @@ static void measure_lights(program *p, const char *where)
     stage s;
     int i;
 
+    if (is_done(p, "lights", where, table_lights_all[TABLE_LIGHTS - 1].label)
+        && is_done(p, "lights-time", where, mis[1].label))
+        return;
     open_stage(p, &s, where, 1);
     for (i = 0; i < TABLE_LIGHTS; i++)
         lights_cell(p, &s, "lights", where, &table_lights_all[i], count);
@@ -298,6 +324,57 @@ static void measure_lights(program *p, const char *where)
         if (!is_done(p, "lights-time", where, mis[i].label))
             sample_cell(p, &s, "lights-time", where, &mis[i],
                         (uint32_t)fmax(budget / sample_seconds(&s, &mis[i]) + 0.5, 1.0), 0);
+    stage_close(&s);
+}
+
+/* ---- [Wu 2024], table 2 ---- */
+
+/* Numbers of a cell are means over seeds, which decide where EnvDirects start. */
+static void ablation_cell(program *p, const stage *s, const char *where, const table_ablation *of)
+{
+    envsamp_lights_desc desc = envsamp_lights_defaults();
+    const int seeds = p->quick ? 1 : ABLATION_SEEDS;
+    double value[CELL_VALUES] = {0.0}, errors[STAGE_ERRORS];
+    image picture = make_picture(s);
+    char error[ERROR_SIZE];
+    int seed, i;
+
+    desc.count = p->quick ? 8 : 32;
+    desc.method = ENVSAMP_LIGHTS_DECOMPOSED;
+    desc.mask_scale = of->mask_scale;
+    desc.refine_rounds = of->refine_rounds;
+    desc.weight_variance = of->weights[0];
+    desc.weight_extent = of->weights[1];
+    desc.weight_energy = of->weights[2];
+    value[CELL_COUNT] = desc.count;
+    for (seed = 0; seed < seeds; seed++) {
+        light_list list;
+
+        desc.seed = SEED + (uint32_t)seed;
+        if (!lights_build(&list, &desc, &s->environment, error, sizeof error))
+            fail(error);
+        value[CELL_SECONDS] += render_list(s, &list, of->sets, of->reduce, &picture) / seeds;
+        stage_judge(s, &picture, errors);
+        for (i = 0; i < STAGE_ERRORS; i++)
+            value[CELL_RELATIVE + i] += errors[i] / seeds;
+        lights_free(&list);
+    }
+    image_free(&picture);
+    if (!cells_add(&p->cells, key_of(p, "ablation", where, of->label), value))
+        fail("a cell cannot be written");
+}
+
+static void measure_ablation(program *p, const char *where)
+{
+    stage s;
+    int i;
+
+    if (is_done(p, "ablation", where, table_ablations[TABLE_ABLATIONS - 1].label))
+        return;
+    open_stage(p, &s, where, 1);
+    for (i = 0; i < TABLE_ABLATIONS; i++)
+        if (!is_done(p, "ablation", where, table_ablations[i].label))
+            ablation_cell(p, &s, where, &table_ablations[i]);
     stage_close(&s);
 }
 
@@ -323,6 +400,54 @@ static void measure_ergun(program *p, const char *where)
         sample_cell(p, &s, "ergun-time", where, &table_ergun[i],
                     (uint32_t)fmax(8.0 * budget / fmax(time, 1e-6) + 0.5, 1.0), 1);
     }
+    stage_close(&s);
+}
+
+/* ---- [Ergun et al. 2012], figure 7 ---- */
+
+static void filtered_cell(program *p, const stage *s, const filtered *levels, const char *table,
+                          const char *where, uint32_t count)
+{
+    image picture;
+    double time;
+
+    if (is_done(p, table, where, FILTERED_LABEL))
+        return;
+    picture = make_picture(s);
+    time = stage_render_filtered(s, levels, FILTERED_BIAS, count, SEED, &picture);
+    keep(p, s, table, where, FILTERED_LABEL, count, time, &picture, 0.0);
+    image_free(&picture);
+}
+
+/* By samples, and in the time of FILTERED_EQUAL filtered ones. */
+static void measure_ward(program *p, const char *where)
+{
+    filtered levels;
+    uint32_t count;
+    char table[32];
+    stage s;
+    int i;
+
+    if (is_done(p, "ward-time", where, table_filtered[TABLE_FILTERED - 1].label))
+        return;
+    open_stage(p, &s, where, 1);
+    if (!filtered_make(&p->map, &levels))
+        fail("out of memory");
+    for (count = 4; count <= (p->quick ? 16u : 256u); count *= 4) {
+        snprintf(table, sizeof table, "ward-%u", (unsigned)count);
+        filtered_cell(p, &s, &levels, table, where, count);
+        for (i = 0; i < TABLE_FILTERED; i++)
+            sample_cell(p, &s, table, where, &table_filtered[i], count, 0);
+    }
+    filtered_cell(p, &s, &levels, "ward-time", where, FILTERED_EQUAL);
+    for (i = 0; i < TABLE_FILTERED; i++) {
+        const double budget = value_of(p, "ward-16", where, FILTERED_LABEL, CELL_SECONDS);
+        const double time = value_of(p, "ward-16", where, table_filtered[i].label, CELL_SECONDS);
+
+        sample_cell(p, &s, "ward-time", where, &table_filtered[i],
+                    (uint32_t)fmax(FILTERED_EQUAL * budget / fmax(time, 1e-6) + 0.5, 1.0), 0);
+    }
+    filtered_free(&levels);
     stage_close(&s);
 }
 
@@ -460,6 +585,7 @@ static void measure_calls(program *p, const char *where)
 typedef struct experiment {
     const char *name;
     void (*measure)(program *p, const char *where);
+    const char *const *scenes;
     const char *const *maps;         /* NULL: all real ones */
 } experiment;
 
@@ -467,9 +593,15 @@ static const char *const ergun_maps[] = {"sunset", "city", "constant", NULL};
 static const char *const some_maps[] = {"sunset", "city", "studio", "forest", NULL};
 
 static const experiment experiments[] = {
-    {"lights", measure_lights, NULL}, {"calls", measure_calls, some_maps},
-    {"ergun", measure_ergun, ergun_maps}, {"product", measure_product, some_maps},
-    {"samplers", measure_direct, NULL}, {"bounces", measure_bounced, NULL}
+    {"lights", measure_lights, table_all_scenes, NULL},
+    {"ablation", measure_ablation, table_all_scenes, NULL},
+    {"calls", measure_calls, table_scenes, some_maps},
+    {"ergun", measure_ergun, table_scenes, ergun_maps},
+    {"ward", measure_ward, table_ward_scene, NULL},
+    {"product", measure_product, table_scenes, some_maps},
+    {"samplers", measure_direct, table_scenes, NULL},
+    {"safe", measure_safe, table_metal_scene, NULL},
+    {"bounces", measure_bounced, table_scenes, NULL}
 };
 
 #define EXPERIMENTS ((int)(sizeof experiments / sizeof experiments[0]))
@@ -516,13 +648,16 @@ static void measure_map(program *p, int map, int argc, char **argv)
         fprintf(stderr, "no data/%s.pfm: left out; make data fetches it\n", name);
         return;
     }
-    for (i = 0; i < EXPERIMENTS; i++)
-        for (k = 0; k < (p->quick ? 1 : TABLE_SCENES); k++)
-            if (is_wanted(argc, argv, experiments[i].name)
-                && (p->quick || has_map(&experiments[i], name, real))) {
-                fprintf(stderr, "%s, %s, %s\n", name, table_scenes[k], experiments[i].name);
-                experiments[i].measure(p, table_scenes[k]);
-            }
+    for (i = 0; i < EXPERIMENTS; i++) {
+        const experiment *e = &experiments[i];
+
+        if (!is_wanted(argc, argv, e->name) || !(p->quick || has_map(e, name, real)))
+            continue;
+        for (k = 0; k < 1 || (!p->quick && e->scenes[k]); k++) {
+            fprintf(stderr, "%s, %s, %s\n", name, e->scenes[k], e->name);
+            e->measure(p, e->scenes[k]);
+        }
+    }
     image_free(&p->map);
 }
 

@@ -2,6 +2,7 @@
 #include "stage.h"
 
 #include "../examples/common/errors.h"
+#include "../examples/render/vector.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -33,6 +34,67 @@ double stage_render(const stage *s, const method *by, uint32_t count, int indepe
     film_image(&f, out);
     film_free(&f);
     return (double)(clock() - start) / CLOCKS_PER_SEC;
+}
+
+typedef struct filtered_job {
+    const stage *stage;
+    const filtered *levels;
+    float bias;
+    uint32_t count, seed;
+} filtered_job;
+
+/* One of `count` samples of a pixel. */
+static void shade_filtered(const void *user, const film *f, int x, int y, uint32_t sample,
+                           float rgb[3])
+{
+    const filtered_job *job = user;
+    const scene *shown = job->stage->scene;
+    const environment *e = &job->stage->environment;
+    float from[3], dir[3], eye[3], local[3], weight[3], radiance[3], u[2], pdf;
+    const numbers n = pixel_ray(shown, f, x, y, 1, 0, job->seed, sample, from, dir);
+    scene_hit hit;
+    int i;
+
+    if (!scene_closest(shown, from, dir, &hit)) {
+        environment_radiance(e, dir, rgb);
+        return;
+    }
+    vec_negate(dir, dir);
+    vec_into(&hit.basis, dir, eye);
+    numbers_pair(&n, NUMBERS_BSDF, 1, u);
+    if (!material_sample(hit.material, eye, u, local, &pdf))
+        return;
+    vec_out_of(&hit.basis, local, dir);
+    if (vec_dot(hit.flat, dir) <= 0.0f || scene_occluded(shown, hit.at, dir))
+        return;
+    material_eval(hit.material, eye, local, weight);
+    environment_into(e, dir, dir);
+    filtered_lookup(job->levels, dir, pdf, (int)job->count, job->bias, radiance);
+    for (i = 0; i < 3; i++)
+        rgb[i] += weight[i] * radiance[i] / pdf;
+}
+
+double stage_render_filtered(const stage *s, const filtered *levels, float bias, uint32_t count,
+                             uint32_t seed, image *out)
+{
+    const filtered_job job = {s, levels, bias, count, seed};
+    const clock_t start = clock();
+    film f;
+
+    if (!film_make(&f, out->width, out->height))
+        return -1.0;
+    film_run(&f, count, s->config->threads, shade_filtered, &job, NULL);
+    film_image(&f, out);
+    film_free(&f);
+    return (double)(clock() - start) / CLOCKS_PER_SEC;
+}
+
+static scene *open_ward(void)
+{
+    static const float black[3] = {0.0f, 0.0f, 0.0f}, white[3] = {0.9f, 0.9f, 0.9f};
+    const material m = material_ward(black, white, 0.5f, 0.001f);
+
+    return scene_sphere(&m);
 }
 
 /* Read from the folder, or rendered into it. */
@@ -93,7 +155,8 @@ int stage_open(stage *s, const stage_config *config, const char *map_name, const
     s->config = config;
     s->bounces = bounces;
     environment_make(&s->environment, map, 0.0f);
-    s->scene = scene_open(scene_name, error, error_size);
+    s->scene = strcmp(scene_name, STAGE_WARD) ? scene_open(scene_name, error, error_size)
+                                              : open_ward();
     references[0] = &s->a;
     references[1] = &s->b;
     for (i = 0; s->scene && i < 2; i++) {
@@ -105,7 +168,7 @@ int stage_open(stage *s, const stage_config *config, const char *map_name, const
     }
     if (i == 2 && make_mean(s))
         return 1;
-    if (i == 2)
+    if (i == 2 || (!s->scene && !strcmp(scene_name, STAGE_WARD)))
         snprintf(error, error_size, "%s: out of memory", map_name);
     stage_close(s);
     return 0;

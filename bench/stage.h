@@ -12,9 +12,14 @@
 #ifndef STAGE_H
 #define STAGE_H
 
+#include "../examples/common/filtered.h"
 #include "../examples/render/integrator.h"
 
 #include <stddef.h>
+
+/* The name of a scene that is not the renderer's: a sphere of anisotropic Ward (0.5, 0.001), that
+   of [Ergun et al. 2012], figure 7. */
+#define STAGE_WARD "ward"
 
 /* What is rendered, and how much of it. */
 typedef struct stage_config {
@@ -42,6 +47,11 @@ void stage_close(stage *s);
 /* Renders `count` samples a pixel. Returns seconds of processor time, or -1 if memory is short. */
 double stage_render(const stage *s, const method *by, uint32_t count, int independent,
                     uint32_t seed, image *out);
+
+/* The same by filtered importance sampling: `count` samples of the BSDF, each with a lookup in the
+   map's level that its density calls for, and a shadow ray. Direct light, biased. */
+double stage_render_filtered(const stage *s, const filtered *levels, float bias, uint32_t count,
+                             uint32_t seed, image *out);
 
 /* Relative RMSE; root of the relative MSE without the worst 0.2 % of pixels; PSNR in dB; FLIP. */
 void stage_judge(const stage *s, const image *picture, double error[STAGE_ERRORS]);

@@ -25,12 +25,12 @@ tables=build/render_tables
 csv=$tmp/render.csv
 $tables -q -o "$tmp" >"$tmp/out" 2>"$tmp/err"
 report $? "a little of every table: $(grep -vc '^#' "$csv") cells"
-[ "$(grep -c '^## ' "$tmp/render.md")" = 6 ]
-report $? "six tables: $(grep -c '^## ' "$tmp/render.md")"
+[ "$(grep -c '^## ' "$tmp/render.md")" = 9 ]
+report $? "nine tables: $(grep -c '^## ' "$tmp/render.md")"
 [ "$(grep -cE '^#.* commit .*|^# direct light' "$csv")" = 2 ]
 report $? "the file says with what it was measured"
 number='-?[0-9.]+(e[-+][0-9]+)?|inf'
-cell="^[a-z0-9-]+,constant,vase,[^,]+(, [^,]+)*(,($number)){7}\$"
+cell="^[a-z0-9-]+,constant,(vase|metal|ward),[^,]+(, [^,]+)*(,($number)){7}\$"
 [ -s "$csv" ] && ! grep -v '^#' "$csv" | grep -vqE "$cell"
 report $? "cells have a key and seven numbers"
 [ -s "$tmp/render.md" ] && ! grep -q 'nan' "$tmp/render.md"
@@ -58,6 +58,12 @@ $tables -q -o "$tmp" >"$tmp/out" 2>"$tmp/err"
 [ $? -eq 0 ] && [ "$(wc -l <"$csv")" = "$(wc -l <"$tmp/before")" ] \
     && [ "$(sed '$d' "$csv" | cksum)" = "$(sed '$d' "$tmp/before" | cksum)" ]
 report $? "a line that was cut off is measured again, and only that"
+
+sed '$d' "$tmp/before" | sed 's/commit .*/commit before/' >"$csv"
+$tables -q -o "$tmp" >"$tmp/out" 2>"$tmp/err"
+[ $? -eq 0 ] && [ "$(tail -2 "$csv" | grep -c '^#.* commit ')" = 1 ] \
+    && [ "$(grep -c '^#.* commit ' "$tmp/render.md")" = 2 ]
+report $? "what another commit adds is marked as such"
 
 # ---- bad input ----
 

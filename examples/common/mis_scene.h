@@ -24,6 +24,7 @@
 #define SCENE_WIDTH 192              /* pixels */
 #define SCENE_HEIGHT 112
 #define SCENE_LABEL 42
+#define SCENE_TITLE 26
 #define SCENE_RAYS 16                /* a pixel; with MIS half of them by each sampler */
 #define SCENE_REFERENCE_RAYS 256
 #ifndef SCENE_GLOSS
@@ -380,13 +381,18 @@ static inline int mis_scene_draw(const mis_scene *s, picture *out)
                                                   "REFERENCE"};
     static const unsigned char ground[3] = {38, 40, 44};
     const float exposure = mis_exposure(&s->panels[MIS_REFERENCE]);
+    static const unsigned char white[3] = {255, 255, 255};
+    char title[64];
     int which;
 
-    if (!picture_alloc(out, MIS_PANELS * SCENE_WIDTH, SCENE_HEIGHT + SCENE_LABEL))
+    if (!picture_alloc(out, MIS_PANELS * SCENE_WIDTH, SCENE_TITLE + SCENE_HEIGHT + SCENE_LABEL))
         return 0;
     picture_fill(out, 0, 0, out->width, out->height, ground);
+    snprintf(title, sizeof title, "%d rays a pixel. RMSE over the mean", SCENE_RAYS);
+    picture_text(out, 6, 6, 2, white, title);
     for (which = 0; which < MIS_PANELS; which++)
-        mis_draw_panel(out, which * SCENE_WIDTH, 0, &s->panels[which], exposure, names[which]);
+        mis_draw_panel(out, which * SCENE_WIDTH, SCENE_TITLE, &s->panels[which], exposure,
+                       names[which]);
     return 1;
 }
 

@@ -23,6 +23,7 @@
 #define SPHERE_SIDE 136              /* pixels of a sphere's square */
 #define SPHERE_RADIUS 51.0f
 #define LABEL_HEIGHT 42
+#define SPHERE_TITLE 26
 #define SPHERE_SAMPLES 16            /* a pixel */
 #define GLOSS 32                     /* exponent of the lobe, a power of two */
 #define CELLS_X 96
@@ -312,14 +313,19 @@ static inline void draw_panel(picture *canvas, int x, int y, const spheres *s, i
 static inline int spheres_draw(const spheres *s, picture *out)
 {
     const int panel_height = SPHERE_SIDE + LABEL_HEIGHT;
+    char title[64];
     int surface, which;
 
-    if (!picture_alloc(out, PANEL_COUNT * SPHERE_SIDE, SURFACE_COUNT * panel_height))
+    if (!picture_alloc(out, PANEL_COUNT * SPHERE_SIDE,
+                       SPHERE_TITLE + SURFACE_COUNT * panel_height + 4))
         return 0;
     picture_fill(out, 0, 0, out->width, out->height, sphere_ground);
+    snprintf(title, sizeof title, "%d samples a pixel. RMSE over the mean", SPHERE_SAMPLES);
+    picture_text(out, 8, 8, 2, sphere_text, title);
     for (surface = 0; surface < SURFACE_COUNT; surface++)
         for (which = 0; which < PANEL_COUNT; which++)
-            draw_panel(out, which * SPHERE_SIDE, surface * panel_height, s, surface, which);
+            draw_panel(out, which * SPHERE_SIDE, SPHERE_TITLE + surface * panel_height, s, surface,
+                       which);
     return 1;
 }
 

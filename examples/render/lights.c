@@ -20,8 +20,8 @@ const light_method light_methods[] = {
 
 /* ---- lists ---- */
 
-static envsamp_result lights_build(light_list *list, const envsamp_lights_desc *desc,
-                                   const environment *e)
+static envsamp_result fill_list(light_list *list, const envsamp_lights_desc *desc,
+                                const environment *e)
 {
     envsamp_buffer scratch;
     envsamp_result result;
@@ -40,11 +40,25 @@ static envsamp_result lights_build(light_list *list, const envsamp_lights_desc *
     return result;
 }
 
+int lights_build(light_list *list, const envsamp_lights_desc *desc, const environment *e,
+                 char *error, size_t error_size)
+{
+    envsamp_result result;
+
+    memset(list, 0, sizeof *list);
+    result = fill_list(list, desc, e);
+    if (result == ENVSAMP_OK)
+        return 1;
+    lights_free(list);
+    snprintf(error, error_size, "the library refuses the lights: %s",
+             envsamp_result_string(result));
+    return 0;
+}
+
 int lights_make(light_list *list, const char *name, int count, uint32_t seed,
                 const environment *e, char *error, size_t error_size)
 {
     envsamp_lights_desc desc = envsamp_lights_defaults();
-    envsamp_result result;
     int i = 0;
 
     memset(list, 0, sizeof *list);
@@ -57,13 +71,7 @@ int lights_make(light_list *list, const char *name, int count, uint32_t seed,
     desc.count = count;
     desc.method = light_methods[i].number;
     desc.seed = seed;
-    result = lights_build(list, &desc, e);
-    if (result == ENVSAMP_OK)
-        return 1;
-    lights_free(list);
-    snprintf(error, error_size, "the library refuses the lights: %s",
-             envsamp_result_string(result));
-    return 0;
+    return lights_build(list, &desc, e, error, error_size);
 }
 
 void lights_free(light_list *list)

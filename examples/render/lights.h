@@ -32,6 +32,10 @@ extern const light_method light_methods[];
 /* Returns 0, with one line in `error`, for an unknown name and for what the library refuses. */
 int lights_make(light_list *list, const char *name, int count, uint32_t seed,
                 const environment *e, char *error, size_t error_size);
+
+/* The same by a description of the library. */
+int lights_build(light_list *list, const envsamp_lights_desc *desc, const environment *e,
+                 char *error, size_t error_size);
 void lights_free(light_list *list);
 
 /* Makes lights whose radiance, irradiance over solid angle, is above `times` the mean of the list
