@@ -5421,8 +5421,8 @@ ENVSAMP__HOT void envsamp__facing_step(const envsamp_kd *kd, const float n[9],
     walk->link = node->child[side][at];
 }
 
-/* The numbers from which light alone draws what light x cosine should. Returns what the density is
-   multiplied by. */
+/* Changes two numbers such that light alone draws what light x cosine should. Returns what that
+   multiplies the density by. */
 ENVSAMP__HOT float envsamp__facing_end(const envsamp__facing_walk *walk, float *u0, float *u1)
 {
     float f[2];
@@ -5438,6 +5438,17 @@ ENVSAMP__HOT float envsamp__facing_end(const envsamp__facing_walk *walk, float *
     *u0 = f[0];
     *u1 = f[1];
     return envsamp__saturate(walk->ratio) * envsamp__bits_float(walk->link);
+}
+
+/* All of the way. */
+ENVSAMP__HOT float envsamp__facing_warp(const envsamp_kd *kd, const float n[9], float f[2])
+{
+    envsamp__facing_walk walk = envsamp__facing_start(kd, f[0], f[1]);
+
+    do {
+        envsamp__facing_step(kd, n, NULL, &walk);
+    } while (walk.link & ENVSAMP__INNER);
+    return envsamp__facing_end(&walk, &f[0], &f[1]);
 }
 
 /* The density at a place where that of light alone is `pdf`. */
@@ -5473,14 +5484,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample_facing(const envsamp
     ENVSAMP_ASSERT(kd && normal);
     f[0] = envsamp__clamp_unit(u0);
     f[1] = envsamp__clamp_unit(u1);
-    if (envsamp__facing_normal(kd, normal, n)) {
-        envsamp__facing_walk walk = envsamp__facing_start(kd, f[0], f[1]);
-
-        do {
-            envsamp__facing_step(kd, n, NULL, &walk);
-        } while (walk.link & ENVSAMP__INNER);
-        ratio = envsamp__facing_end(&walk, &f[0], &f[1]);
-    }
+    if (envsamp__facing_normal(kd, normal, n))
+        ratio = envsamp__facing_warp(kd, n, f);
     s = envsamp_kd_sample(kd, f[0], f[1]);
     s.pdf = envsamp__at_most(s.pdf * ratio, FLT_MAX);
     return s;
@@ -5781,7 +5786,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     return 1;
 }
 
-/* The numbers of which facing_end makes those of light alone. */
+/* The numbers of which facing_warp makes those of light alone. */
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
                                                         const float normal[3],
                                                         const float dir[3], float u[2])
