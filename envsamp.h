@@ -246,7 +246,7 @@ typedef enum envsamp_result {
     ENVSAMP_ERR_BLACK,   /* the total importance is zero: nothing to sample */
     ENVSAMP_ERR_MEMORY,  /* a buffer is smaller than _sizes said */
     ENVSAMP_ERR_ALIGN,   /* a buffer is not aligned to ENVSAMP_ALIGN, or floats not to 4 bytes */
-    ENVSAMP_ERR_FORMAT   /* the bytes are not a valid table of this kind */
+    ENVSAMP_ERR_FORMAT   /* the bytes are not a valid table, or scratch, of this kind */
 } envsamp_result;
 
 /* A result in words: one lower-case phrase, never NULL, also for numbers that are no result. */
@@ -411,16 +411,19 @@ ENVSAMP_DEF envsamp_result envsamp_kd_begin(const envsamp_image *image, envsamp_
 ENVSAMP_DEF envsamp_result envsamp_kd_step(envsamp_kd_job *job, int count, int *done);
 ENVSAMP_DEF envsamp_result envsamp_kd_finish(envsamp_kd_job *job, const envsamp_kd **kd);
 
-/* As envsamp_kd_begin, for a map of which only rows first_row to first_row + row_count - 1 have
-   changed since the last build from it: only these are read. The table is the same, bit for bit, as
-   that of a build from all rows. The description may differ from the last one, but for `nearest`.
-   scratch: as the last build left it, finished or not, once it has read all rows; or a copy.
+/* As envsamp_kd_begin, for a map of which only row_count rows from first_row on have changed since
+   the last build in this scratch: only these are read. The new table has the bits of a build from
+   all rows. The description may differ from the last one, but for `nearest`.
+   table: the last one or another. scratch: as the last build left it, finished or not, once it has
+     read all rows; or a copy of that.
    With compensation, an exponent, or an octahedral map that is looked up bilinearly, all rows are
      read, and scratch need not be that of a build.
-   Returns what _begin would; ENVSAMP_ERR_PARAM for negative rows, which may reach beyond the map;
-     ENVSAMP_ERR_FORMAT if scratch is not that of a build of a map of the same size, channels and
-     mapping, with the same `nearest`, without compensation and exponent.
-   Time: saves a quarter of a WARP build at 2048 by 1024, two thirds at 8192 by 4096. */
+   Returns what _begin would; ENVSAMP_ERR_PARAM if first_row or row_count is negative (rows beyond
+     the map are ignored); ENVSAMP_ERR_FORMAT, with scratch as it was, if that is not of a map of
+     the same size, channels and mapping, with the same `nearest`, without compensation and
+     exponent.
+   Time: with few rows a quarter of a WARP build is saved at 2048 by 1024, two thirds at 8192 by
+     4096. */
 ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, envsamp_row_fn fn,
                                                     void *user, const envsamp_kd_desc *desc,
                                                     int first_row, int row_count,
@@ -1318,7 +1321,7 @@ ENVSAMP_DEF const char *envsamp_result_string(envsamp_result result)
     case ENVSAMP_ERR_BLACK: return "the total importance is zero: nothing to sample";
     case ENVSAMP_ERR_MEMORY: return "a buffer is too small";
     case ENVSAMP_ERR_ALIGN: return "a buffer, pixels or a row stride is not aligned";
-    case ENVSAMP_ERR_FORMAT: return "not a valid table of this kind";
+    case ENVSAMP_ERR_FORMAT: return "not a valid table, or scratch, of this kind";
     }
     return "unknown result";
 }
@@ -1527,7 +1530,7 @@ static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, 
 #define ENVSAMP__LEVELS 16      /* cells of 2^16 texels cover the widest map */
 #define ENVSAMP__CHUNK 64       /* columns that are worked on together */
 #define ENVSAMP__TOP 128        /* cells of the coarsest level, at most: one split reads as many */
-#define ENVSAMP__BEYOND 17       /* knots that are read, but do not count, after the last */
+#define ENVSAMP__BEYOND 17      /* knots that are read, but do not count, after the last */
 
 /* A pixel as importance sees it: black for NaN or infinite channels, negative ones 0. Returns
    whether a channel was bad. */
@@ -1622,6 +1625,13 @@ typedef struct envsamp__source {
     size_t bad_pixel_count;
 } envsamp__source;
 
+/* Whether all rows are read once before a build begins. */
+static int envsamp__is_surveyed(const envsamp_image *image, const envsamp_kd_desc *desc)
+{
+    return (!desc->nearest && image->mapping == ENVSAMP_OCTAHEDRAL)
+        || desc->mis_compensation > 0.0f || desc->importance_exponent != 1.0f;
+}
+
 /* Reads the fields that descriptions of kd and cdf share. */
 static void envsamp__source_carve(envsamp__source *source, const envsamp_image *image,
                                   const envsamp_kd_desc *desc, envsamp__arena *arena)
@@ -1633,7 +1643,7 @@ static void envsamp__source_carve(envsamp__source *source, const envsamp_image *
     source->strict = desc->strict;
     source->compensation = desc->mis_compensation;
     source->exponent = desc->importance_exponent;
-    source->is_surveyed = folds || source->compensation > 0.0f || source->exponent != 1.0f;
+    source->is_surveyed = envsamp__is_surveyed(image, desc);
     source->row = ENVSAMP__TAKE(float, arena, (uint64_t)image->width * (uint64_t)image->channels);
     source->side[0] = ENVSAMP__TAKE(float, arena, folds);
     source->side[1] = ENVSAMP__TAKE(float, arena, folds);
@@ -1813,7 +1823,7 @@ typedef struct envsamp__level {
 /* What was read of a row of texels, and the scale of floats after it. */
 typedef struct envsamp__texel_row { double sum; float peak, scale; size_t bad; } envsamp__texel_row;
 
-#define ENVSAMP__WHOLE 0x4c4f4857u
+#define ENVSAMP__WHOLE 0x4c4f4857u      /* "WHOL": marks scratch all of whose rows were read */
 
 typedef struct envsamp__map {
     envsamp_mapping mapping;
@@ -2268,7 +2278,7 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
 
 /* Begins to read: makes rows, and solid angles of the rows of every level. */
 static void envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
-                                 void *user)
+                                  void *user)
 {
     int k, y;
 
@@ -4814,8 +4824,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, 
     envsamp_kd_job *begun = (envsamp_kd_job *)scratch.data;
     envsamp_sizes sizes;
     envsamp_result result;
-    envsamp__map *map;
-    int has_cells;
+    int is_partial;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
@@ -4827,12 +4836,14 @@ ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, 
         result = ENVSAMP_ERR_PARAM;
     if (result != ENVSAMP_OK)
         return result;
-    has_cells = envsamp__has_cells(begun, image, filled.nearest);
-    map = &begun->base.map;
+    is_partial = !envsamp__is_surveyed(image, &filled)
+              && (first_row > 0 || row_count < image->height);
+    if (is_partial && !envsamp__has_cells(begun, image, filled.nearest))
+        return ENVSAMP_ERR_FORMAT;
     envsamp__kd_carve(begun, image, &filled, &arena);
-    if (!begun->base.source.is_surveyed && (first_row > 0 || row_count < image->height)) {
-        if (!has_cells)
-            return ENVSAMP_ERR_FORMAT;
+    if (is_partial) {
+        envsamp__map *map = &begun->base.map;
+
         map->read_from = map->cells_from = envsamp__min(first_row, image->height);
         map->read_to = map->read_from + envsamp__min(row_count, image->height);
         map->cells_to = map->read_to + map->bilinear;
@@ -5421,8 +5432,7 @@ ENVSAMP__HOT void envsamp__facing_step(const envsamp_kd *kd, const float n[9],
     walk->link = node->child[side][at];
 }
 
-/* Changes two numbers such that light alone draws what light x cosine should. Returns what that
-   multiplies the density by. */
+/* The numbers with which light alone draws there. Returns what multiplies its density. */
 ENVSAMP__HOT float envsamp__facing_end(const envsamp__facing_walk *walk, float *u0, float *u1)
 {
     float f[2];
@@ -5440,7 +5450,8 @@ ENVSAMP__HOT float envsamp__facing_end(const envsamp__facing_walk *walk, float *
     return envsamp__saturate(walk->ratio) * envsamp__bits_float(walk->link);
 }
 
-/* All of the way. */
+/* Changes two numbers such that light alone draws what light x cosine should. Returns what that
+   multiplies the density by. */
 ENVSAMP__HOT float envsamp__facing_warp(const envsamp_kd *kd, const float n[9], float f[2])
 {
     envsamp__facing_walk walk = envsamp__facing_start(kd, f[0], f[1]);

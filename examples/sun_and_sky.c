@@ -6,9 +6,8 @@
  *    above the threshold of envsamp_emissive_mask, close to one, goes into the light.
  * 2. Direction x irradiance of a light is the sum of direction x light over what went into it. So
  *    it is exact for every normal that has none of that at its horizon.
- * 3. The rest: the map without that, prefiltered; or nine coefficients, those of the map less those
- *    of the lights, which leave out some percent of any map.
- * Exit status 1: lights and prefiltered rest are not the map within 1e-4. `twice` leaves suns in.
+ * 3. The rest: the map without that, prefiltered; or nine coefficients, which are some percent off.
+ * Exit status 1: they are not the map within 1e-4, away from a sun's horizon. `twice`: suns stay.
  */
 #define ENVSAMP_IMPLEMENTATION
 #include "../envsamp.h"
@@ -18,6 +17,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define LIGHTS 16                /* most suns, and what envsamp_lights is asked for */
 #define CLOSE 0.9994             /* cosine of 2 degrees */
@@ -124,7 +124,7 @@ int main(int argc, char **argv)
     double error[3] = { 0.0 };
     image map = { 0 };
 
-    if (argc > 1 && argc < 4
+    if ((argc == 2 || (argc == 3 && !strcmp(argv[2], "twice")))
         && (map_make(argv[1], 512, 256, &map) || image_read(argv[1], &map, text, 512))) {
         const envsamp_image view = { map.rgb, map.width, map.height, 3, 0, ENVSAMP_LATLONG };
 

@@ -31,7 +31,7 @@ static void sample(worker *me, const worker_job *job)
     }
     me->samples += count;
     me->across = fmax(me->across, (double)differ / count);
-    me->mixed += differ > WORKERS_ACROSS * count;
+    me->mixed += differ > 4 + WORKERS_ACROSS * count;
     me->half_built += !is_whole(job->kd, job->bytes);
 }
 
@@ -94,6 +94,7 @@ void workers_free(workers *w)
     pthread_cond_destroy(&w->started);
     pthread_cond_destroy(&w->ended);
     pthread_mutex_destroy(&w->lock);
+    w->count = 0;
 }
 
 void workers_start(workers *w, const worker_job *job)

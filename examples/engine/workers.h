@@ -20,8 +20,8 @@
 
 #define WORKERS_MAX 64
 
-/* More pairs of densities than this differ: they are of two tables. Within one table only those do
-   whose direction lies on the edge of a block; see envsamp_kd_pdf. */
+/* Four pairs of densities and more than this share of them differ: they are of two tables. Within
+   one table only those do whose direction lies on the edge of a block; see envsamp_kd_pdf. */
 #define WORKERS_ACROSS 0.02
 
 /* What a frame samples. Densities are asked of `pdf_of`: of the same table, but in a control. */

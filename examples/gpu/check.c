@@ -13,9 +13,9 @@
  * Both sides make the same numbers, directions and normals. A line a table and way of sampling says
  * how many points differ: in their block; of those of the same block, in direction by more than
  * 1e-5, in density by more than 1e-5 relative; how many of all these rounding explains: C does the
- * same, or as much, when the point is moved by a hair, 1e-6 (for light x cosine see pdf_excess); and
- * how many of the same block differ in any bit. Then one word of the table is damaged on its way to
- * the GPU, and the comparison must see it. Exits with 1 if a point differs that rounding does not
+ * same, or as much, when the point is moved by 1e-6 (for light x cosine see pdf_excess); and how
+ * many of the same block differ in any bit. Then one word of the table is damaged on its way to the
+ * GPU, and the comparison must see it. Exits with 1 if a point differs that rounding does not
  * explain, or a damage is not seen.
  *
  * For the block that a point is in it reads the inside of the library, which users need not.
@@ -557,7 +557,8 @@ static int check_map(checker *c, const char *name, char *error)
     if (!made && !image_read(name, &map, error, ERROR_SIZE))
         return 0;
     for (int mapping = 0; mapping < 3 && good; mapping++) {
-        if (c->wanted.mapping >= 0 ? mapping != 0 : mapping > 0 && !made)
+        if (c->wanted.mapping >= 0 ? mapping != (made ? c->wanted.mapping : 0)
+                                   : mapping > 0 && !made)
             continue;                   /* real maps are of one mapping, made-up ones of all */
         for (int kind = 0; kind < (c->wanted.kd_only ? 3 : 4) && good; kind++) {
             table t;

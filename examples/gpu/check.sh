@@ -12,10 +12,9 @@ build=$1
 points=$2
 shift 2
 few=$((points < 100000 ? points : 100000))      # they go through files
-gpu=$(dirname "$0")
-work=$build/gpu
+gpu=$(cd "$(dirname "$0")" && pwd)
 failed=0
-mkdir -p "$work" || exit 1
+mkdir -p "$build/gpu" && work=$(cd "$build/gpu" && pwd) || exit 1
 
 part() { echo; echo "== $1"; }
 
@@ -59,11 +58,14 @@ if [ ! -d "$build/node_modules/webgpu" ] || ! command -v node >/dev/null; then
     echo "skipped: no webgpu in $build/node_modules"
 else
     rm -f "$work"/*.case
-    perl "$gpu/translate.pl" wgsl < "$gpu/check.glsl" > "$work/check.wgsl" \
-        && "$build/gpu_check" -n "$few" -d "$work" sky night >/dev/null \
-        && { here=$(pwd); cd "$build" && EGL_PLATFORM=surfaceless node \
-             "$here/$gpu/check_wgsl.mjs" "$here/$work/check.wgsl" "$here/$work"; }
-    status=$?
-    [ $status = 2 ] || [ $status = 0 ] || failed=1
+    if perl "$gpu/translate.pl" wgsl < "$gpu/check.glsl" > "$work/check.wgsl" \
+        && "$build/gpu_check" -n "$few" -d "$work" sky night >/dev/null; then
+        (cd "$build" && EGL_PLATFORM=surfaceless node "$gpu/check_wgsl.mjs" "$work/check.wgsl" \
+            "$work")
+        status=$?
+        [ $status = 2 ] || [ $status = 0 ] || failed=1      # 2: no device
+    else
+        failed=1
+    fi
 fi
 exit $failed

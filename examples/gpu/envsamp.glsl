@@ -11,11 +11,12 @@
  *     envsamp_sample c = envsamp_cdf_sample(u0, u1);          // of a table of envsamp_cdf
  *     float pdf_c = envsamp_cdf_pdf(bsdf_dir);
  *
- * Upload envsamp_kd_bytes(kd) bytes from kd into a storage buffer at ENVSAMP_BINDING, default 0, of
- * a machine of little endian. Check a table that was stored by envsamp_kd_open before. Directions
- * are in the map's space, as in envsamp.h. ES: state `precision highp float;` and of int before.
+ * Upload envsamp_kd_bytes(kd) bytes from kd, of a cdf envsamp_cdf_bytes, into a storage buffer at
+ * ENVSAMP_BINDING, default 0. The CPU must be little-endian. Open a table from a file with
+ * envsamp_kd_open or envsamp_cdf_open first. Directions are in the map's space, as in envsamp.h. In
+ * ES, put `precision highp float; precision highp int;` before this file.
  *
- * Words elsewhere: define what reads one before this file, which then declares no buffer.
+ * To read words from elsewhere, define ENVSAMP_WORD before this file; it then declares no buffer.
  *
  *     #define ENVSAMP_WORD(at) texelFetch(table, int(at)).r           // usamplerBuffer
  *     #define ENVSAMP_WORD(at) table[(at) >> 2u][(at) & 3u]           // uvec4 table[], uniform
@@ -614,7 +615,6 @@ envsamp_choice envsamp_fit_choose(float u0, float u1)
 
 /* ---- kd ---- */
 
-
 envsamp_sample envsamp_kd_sample(float u0, float u1)
 {
     uint select = envsamp_word(ENVSAMP_KD_SELECT);
@@ -624,10 +624,12 @@ envsamp_sample envsamp_kd_sample(float u0, float u1)
     if (select != ENVSAMP_ALIAS && select != ENVSAMP_FIT) {
         return envsamp_warp_sample(f0, f1);
     }
-    envsamp_choice choice = envsamp_alias_choose(f0, f1);
+    envsamp_choice choice;
 
     if (select == ENVSAMP_FIT) {
         choice = envsamp_fit_choose(f0, f1);
+    } else {
+        choice = envsamp_alias_choose(f0, f1);
     }
     uint at = ENVSAMP_KD_RECORDS + 5u * choice.block;
     envsamp_point p = envsamp_between(envsamp_edges(at), choice.fx, choice.fy);

@@ -628,7 +628,6 @@ envsamp_choice envsamp_fit_choose(float u0, float u1)
 
 /* ---- kd ---- */
 
-
 envsamp_sample envsamp_kd_sample(float u0, float u1)
 {
     uint select = envsamp_word(ENVSAMP_KD_SELECT);
@@ -638,10 +637,12 @@ envsamp_sample envsamp_kd_sample(float u0, float u1)
     if (select != ENVSAMP_ALIAS && select != ENVSAMP_FIT) {
         return envsamp_warp_sample(f0, f1);
     }
-    envsamp_choice choice = envsamp_alias_choose(f0, f1);
+    envsamp_choice choice;
 
     if (select == ENVSAMP_FIT) {
         choice = envsamp_fit_choose(f0, f1);
+    } else {
+        choice = envsamp_alias_choose(f0, f1);
     }
     uint at = ENVSAMP_KD_RECORDS + 5u * choice.block;
     envsamp_point p = envsamp_between(envsamp_edges(at), choice.fx, choice.fy);

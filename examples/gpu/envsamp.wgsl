@@ -4,7 +4,7 @@
  *     let s = envsamp_kd_sample(u0, u1);                      // s.dir, s.pdf per steradian
  *     let pdf = envsamp_kd_pdf(bsdf_dir);
  *
- * Join it with your own text. Change the five declarations that follow to read the words elsewhere,
+ * Join it with your own text. Change the four declarations that follow to read the words elsewhere,
  * as from a uniform buffer of vec4u, to have kd and cdf both, or to build for one mapping: 0, 1, 2.
  * WGSL has no `precise`: what a compiler contracts moves a point at an edge into the next block.
  */
@@ -534,7 +534,6 @@ fn envsamp_fit_choose(u0: f32, u1: f32) -> envsamp_choice {
 
 /* ---- kd ---- */
 
-
 fn envsamp_kd_sample(u0: f32, u1: f32) -> envsamp_sample {
     let select: u32 = envsamp_word(ENVSAMP_KD_SELECT);
     let f0: f32 = envsamp_clamp_unit(u0);
@@ -543,10 +542,12 @@ fn envsamp_kd_sample(u0: f32, u1: f32) -> envsamp_sample {
     if (select != ENVSAMP_ALIAS && select != ENVSAMP_FIT) {
         return envsamp_warp_sample(f0, f1);
     }
-    var choice: envsamp_choice = envsamp_alias_choose(f0, f1);
+    var choice: envsamp_choice;
 
     if (select == ENVSAMP_FIT) {
         choice = envsamp_fit_choose(f0, f1);
+    } else {
+        choice = envsamp_alias_choose(f0, f1);
     }
     let at: u32 = ENVSAMP_KD_RECORDS + 5u * choice.block;
     let p: envsamp_point = envsamp_between(envsamp_edges(at), choice.fx, choice.fy);

@@ -63,7 +63,7 @@ $heads{'envsamp.glsl'}{wgsl} = <<'END';
  *     let s = envsamp_kd_sample(u0, u1);                      // s.dir, s.pdf per steradian
  *     let pdf = envsamp_kd_pdf(bsdf_dir);
  *
- * Join it with your own text. Change the five declarations that follow to read the words elsewhere,
+ * Join it with your own text. Change the four declarations that follow to read the words elsewhere,
  * as from a uniform buffer of vec4u, to have kd and cdf both, or to build for one mapping: 0, 1, 2.
  * WGSL has no `precise`: what a compiler contracts moves a point at an edge into the next block.
  */
