@@ -190,9 +190,9 @@ lines: $(BUILD)/lines  ## cache lines of its table that a sample and a density t
 scale: $(BUILD)/scale  ## large maps by row callback, and builds in steps
 	$(BUILD)/scale $(MAP_WORD)
 
-# SECONDS is for each of the targets build, steps, open, lights, halftone and lm, of which two run
-# at a time; TARGETS="open lm": only these. It needs clang with libFuzzer.
-fuzz:  ## builds, damaged tables, lights, halftones under libFuzzer; SECONDS=60 for each of 6
+# SECONDS is for each of the targets build, steps, open, lights, halftone, lm and hdr, of which two
+# run at a time; TARGETS="open lm": only these. It needs clang with libFuzzer.
+fuzz:  ## builds, damaged tables, lights, .hdr files under libFuzzer; SECONDS=60 for each of 7
 	sh tests/fuzz.sh $(or $(SECONDS),60) $(TARGETS)
 
 corpus: $(BUILD)/test_fuzz  ## write tests/corpus again, from fixed seeds
