@@ -18,7 +18,7 @@
 #include "sky.h"
 #include "tables.h"
 
-#define BUILDER_ITEMS 16        /* of one step */
+#define BUILDER_ITEMS 4         /* of one step */
 
 typedef struct builder {
     tables tables;
