@@ -4298,6 +4298,7 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
 #define ENVSAMP__BLOCKS_PER_FACING 30   /* blocks a node: 6144 make 205 nodes, 77 KB */
 #define ENVSAMP__NO_PART 0xffffffffu
 #define ENVSAMP__FACING_VARIANCE 0.75f  /* of the variance that counts, as of an even spread */
+#define ENVSAMP__FACING_FLOOR 4e-3f     /* least square of a weight, over that of the light */
 
 static uint32_t envsamp__facing_limit(int block_limit)
 {
@@ -4390,7 +4391,7 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
     for (k = 0; k < 3; k++) {
         node->moment[k][side][i] = v[k];
         node->moment[3 + k][side][i] = 1.002f * (share * area * sum->second[k] + rest * v[k] * v[k])
-                           + 1e-5f * bright;
+                           + ENVSAMP__FACING_FLOOR * bright;
         node->moment[6 + k][side][i] = 2.004f * (share * area * sum->second[3 + k]
                                            + rest * v[k == 2] * v[k == 0 ? 1 : 2]);
     }
@@ -5298,8 +5299,9 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
  * c is the cosine between the normal and a direction that a part draws. The mean of max(c, 0) is
  * (E[c] + E[|c|]) / 2. E[|c|] is taken as the root of E[c]^2 + 3/4 of the variance of c: exact
  * where c spreads evenly about 0. So w, twice the mean, is a sum of three products plus the root of
- * a sum of six. Factors of 1.002 and 1e-5 keep it above what rounding takes, also below the
- * horizon. What else was tried: bench/experiments.md.
+ * a sum of six. A factor of 1.002 keeps it above what rounding takes. FACING_FLOOR keeps it at 1/32
+ * of the most that it can be, also below the horizon: a lamp at grazing angle may be what a glossy
+ * surface shows. What else was tried: bench/experiments.md.
  */
 
 /* A normal, scaled so that nothing overflows, and its products as facing_sum has them; 0 for what
