@@ -51,7 +51,7 @@
  * hidden within 1 % of its brightness.
  *
  * With `facing` a table of WARP also draws light x cosine about a normal: over 18 real maps the
- * error of diffuse irradiance from 16 points is 0.29 of that of light alone, or of MIS with the
+ * error of diffuse irradiance from 16 points is 0.30 of that of light alone, or of MIS with the
  * cosine. See envsamp_kd_sample_facing.
  *
  * Two functions need no table. envsamp_halftone draws all samples of a map at once by error
