@@ -159,7 +159,7 @@ left-out: | $(BUILD)  ## compile time and text of the header, whole and with par
 # The real maps, where make data has fetched them.
 gallery: setup  ## every picture of the README, in build/pictures
 	@$(MAKE) --no-print-directory $(addprefix $(BUILD)/, strip ward demo lights_gallery \
-	    facing_gallery product_gallery)
+	    facing_gallery product_gallery convergence)
 	@mkdir -p $(BUILD)/pictures $(BUILD)/references
 	$(BUILD)/strip -t $(JOBS) $(MAP_WORD)
 	$(BUILD)/ward -t $(JOBS)
@@ -167,6 +167,8 @@ gallery: setup  ## every picture of the README, in build/pictures
 	$(BUILD)/lights_gallery -k 32 -o $(BUILD)/pictures sky
 	$(BUILD)/facing_gallery -o $(BUILD)/pictures
 	$(BUILD)/product_gallery -o $(BUILD)/pictures
+	$(BUILD)/demo -o $(BUILD)/pictures $(DATA)/city.pfm
+	$(BUILD)/convergence -o $(BUILD)/pictures/convergence.png
 
 # TABLES="samplers calls": only these. What is done is kept; an hour and a half on two cores.
 tables: setup  ## all samplers and lights in the renderer, over the real maps: bench/results
