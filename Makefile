@@ -125,7 +125,7 @@ sun-and-sky: $(BUILD)/sun_and_sky  ## a map as directional lights and the rest o
 engine: $(BUILD)/engine  ## a frame loop: tables in steps as the sun moves; ENGINE=options
 	$(BUILD)/engine $(ENGINE)
 	$(if $(ENGINE),,$(BUILD)/engine --half)
-	$(if $(ENGINE),,$(BUILD)/engine --size 512x256 --blocks 256)
+	$(if $(ENGINE),,$(BUILD)/engine --size 512x256 --blocks 256 --budget-ms 4)
 
 facing: $(BUILD)/facing_gallery  ## light x cosine beside light and MIS, and a picture; MAP=file
 	$(BUILD)/facing_gallery -o $(BUILD)/pictures $(MAP_WORD)

@@ -2600,7 +2600,7 @@ static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *sourc
 
         source->bad_pixel_count += row->bad;
         envsamp__add_row(map, y, row);
-        if (envsamp__float_bits(scale) != envsamp__float_bits(row->scale)) {
+        if (row->scale != scale) {
             map->cells_from = envsamp__min(map->cells_from, y);
             map->cells_to = map->height;
         }
@@ -5409,11 +5409,9 @@ typedef struct envsamp__facing_walk { float f[2], bound[4], ratio; uint32_t link
 
 ENVSAMP__HOT envsamp__facing_walk envsamp__facing_start(const envsamp_kd *kd, float u0, float u1)
 {
-    envsamp__facing_walk walk = { { 0.0f, 0.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 1.0f, 0 };
+    envsamp__facing_walk walk = { { u0, u1 }, { 0.0f, 1.0f, 0.0f, 1.0f }, 1.0f,
+                                  ENVSAMP__INNER | kd->facing_at / 4 };
 
-    walk.f[0] = u0;
-    walk.f[1] = u1;
-    walk.link = ENVSAMP__INNER | kd->facing_at / 4;
     return walk;
 }
 
@@ -5586,19 +5584,16 @@ static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *f
                                   float *u0, float *u1, float *ratio)
 {
     envsamp__facing_walk walk[ENVSAMP__BATCH];
-    uint32_t list[ENVSAMP__BATCH], count = n, left, i, k;
+    uint32_t link = ENVSAMP__INNER, i;
 
-    for (i = 0; i < n; i++) {
+    for (i = 0; i < n; i++)
         walk[i] = envsamp__facing_start(kd, u0[i], u1[i]);
-        list[i] = i;
-    }
-    for (; count > 0; count = left)
-        for (k = left = 0; k < count; k++) {
-            i = list[k];
-            envsamp__facing_step(kd, facing->n, facing, &walk[i]);
-            list[left] = i;
-            left += walk[i].link >> 31;
-        }
+    while (link & ENVSAMP__INNER)
+        for (i = link = 0; i < n; i++)
+            if (walk[i].link & ENVSAMP__INNER) {
+                envsamp__facing_step(kd, facing->n, facing, &walk[i]);
+                link |= walk[i].link;
+            }
     for (i = 0; i < n; i++)
         ratio[i] = envsamp__facing_end(&walk[i], &u0[i], &u1[i]);
 }

@@ -114,14 +114,8 @@ static const char *reason(envsamp_result result)
 
 static envsamp_image as_envsamp_image(const image *map)
 {
-    envsamp_image out;
+    const envsamp_image out = { map->rgb, map->width, map->height, 3, 0, ENVSAMP_LATLONG };
 
-    memset(&out, 0, sizeof out);
-    out.pixels = map->rgb;
-    out.width = map->width;
-    out.height = map->height;
-    out.channels = 3;
-    out.mapping = ENVSAMP_LATLONG;
     return out;
 }
 

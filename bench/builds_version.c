@@ -12,13 +12,8 @@
 
 static envsamp_image view(const build *b)
 {
-    envsamp_image image;
+    const envsamp_image image = { b->rgb, b->width, b->height, 3, 0, ENVSAMP_LATLONG };
 
-    memset(&image, 0, sizeof image);
-    image.pixels = b->rgb;
-    image.width = b->width;
-    image.height = b->height;
-    image.channels = 3;
     return image;
 }
 

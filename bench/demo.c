@@ -235,7 +235,7 @@ static int map_pictures(demo *d, const tables *t)
 
     by[0] = sampler_of_kd("WARP", t->kd[WARP].kd);
     by[1] = sampler_of_kd("ALIAS", t->kd[ALIAS].kd);
-    made = blocks_picture(&canvas, &d->map, exposure, t->kd[WARP].kd);
+    made = blocks_picture(&canvas, d->name, &d->map, exposure, t->kd[WARP].kd);
     if (!save(d, &canvas, made, "blocks"))
         return 0;
     made = points_picture(&canvas, &d->map, &d->view, exposure, t->kd[WARP].kd, by, 2);

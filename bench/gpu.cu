@@ -355,15 +355,17 @@ template <class sampler> static std::vector<envsamp_sample> draw_there(const sam
     return samples;
 }
 
+static envsamp_sample as_sample(const baseline_sample &b)
+{
+    return { { b.dir[0], b.dir[1], b.dir[2] }, b.pdf, { b.uv[0], b.uv[1] } };
+}
+
 struct baseline_inversion {
     const baseline_cdf *cdf;
 
     envsamp_sample operator()(float u0, float u1, uint32_t) const
     {
-        const baseline_sample b = baseline_cdf_sample(cdf, u0, u1);
-        const envsamp_sample s = { { b.dir[0], b.dir[1], b.dir[2] }, b.pdf, { b.uv[0], b.uv[1] } };
-
-        return s;
+        return as_sample(baseline_cdf_sample(cdf, u0, u1));
     }
 };
 
@@ -372,10 +374,7 @@ struct baseline_alias {
 
     envsamp_sample operator()(float u0, float u1, uint32_t) const
     {
-        const baseline_sample b = baseline_texel_alias_sample(table, u0, u1);
-        const envsamp_sample s = { { b.dir[0], b.dir[1], b.dir[2] }, b.pdf, { b.uv[0], b.uv[1] } };
-
-        return s;
+        return as_sample(baseline_texel_alias_sample(table, u0, u1));
     }
 };
 

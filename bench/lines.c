@@ -151,16 +151,6 @@ static void write_tables(const image *map, directory *d)
 static volatile char marks[END + 1];
 static volatile float kept;             /* so that no call is left out */
 
-static void random_dir(pcg32 *random, float dir[3])
-{
-    const float z = 1.0f - 2.0f * pcg32_float(random), radius = sqrtf(fmaxf(1.0f - z * z, 0.0f));
-    const float phi = 6.2831853f * pcg32_float(random);
-
-    dir[0] = radius * cosf(phi);
-    dir[1] = radius * sinf(phi);
-    dir[2] = z;
-}
-
 static float call_sample(int method, const void *table, const float axis[3], const float u[2])
 {
     if (method == INVERSION)
@@ -202,8 +192,8 @@ static int walk(void)
 
         u[0] = pcg32_float(&random);
         u[1] = pcg32_float(&random);
-        random_dir(&random, axis);
-        random_dir(&random, dir);
+        pcg32_dir(&random, axis);
+        pcg32_dir(&random, dir);
         for (i = 0; i < ROWS; i++) {
             marks[KINDS * i + SAMPLE] = 1;
             kept = call_sample(rows[i].method, base + d->at[i], axis, u);

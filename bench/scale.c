@@ -1,4 +1,4 @@
-/* scale.c: what a build costs as maps grow to 32768 x 16384, and what it costs in steps.
+/* scale.c: what a build costs as maps grow to 32768 x 16384, in steps, and where few rows changed.
  *
  *     scale [huge] [MAP]    prints tables on stdout, progress on stderr; takes a minute or two.
  *                           huge: sizes are tried even where memory seems too small for them
@@ -42,6 +42,11 @@
 /* Rounds of each size. A round of the largest takes ten seconds. */
 static const int round_counts[SIZE_COUNT] = { ROUND_COUNT, ROUND_COUNT, 5, 3, 1 };
 static const int promised_size = 3;
+
+/* Of rebuilds: one row in so many changed; 1: all of them. */
+static const int shares[] = { 1, 4, 16, 64 };
+#define SHARES (int)(sizeof shares / sizeof shares[0])
+#define REBUILD_SIZES 3
 
 /* The made-up or given map, enlarged: every texel of the base, `stretch` times as wide and high,
    times noise of 5 %, as no real map is flat over a square of texels. */
@@ -229,6 +234,8 @@ static double all_work(void)
     double work = 3.0 * STEP_WORK;
     int size;
 
+    for (size = 0; size < REBUILD_SIZES; size++)
+        work += 2.0 * (round_counts[size] + 1.0) * SHARES * size_work(size);
     for (size = 0; size < SIZE_COUNT; size++)
         work += (round_counts[size] + 1.0 + 2.0) * size_work(size)
               + (size <= promised_size ? size_work(size) : 0.0);
@@ -742,13 +749,63 @@ static void print_steps(scale_state *scale)
     print_build_in_steps(scale, build_make("cdf", 1, ENVSAMP_KD_WARP, 0), &map);
 }
 
+/* ---- 5: rebuilds ---- */
+
+static void rebuild(build *b, const envsamp_image *map, large_map *source, int rows)
+{
+    check(b, envsamp_kd_rebuild_begin(map, large_row, source, &b->kd_desc, 0, rows, b->table,
+                                      b->scratch, &b->kd_job));
+    build_finish(b);
+}
+
+/* Median ms of rebuilds, by turns. */
+static void print_rebuild(scale_state *scale, build b, int size)
+{
+    const envsamp_image map = image_of_rows(BASE_WIDTH << size);
+    large_map source = large_map_of(scale, size);
+    double times[SHARES][ROUND_COUNT];
+    int rounds = round_counts[size], round, i;
+
+    show(scale, b.name, (rounds + 1.0) * SHARES * size_work(size));
+    if (!build_allocate(&b, &map))
+        input_fail(b.name, "out of memory");
+    build_touch(&b);
+    rebuild(&b, &map, &source, map.height);
+    for (round = 0; round < rounds; round++)
+        for (i = 0; i < SHARES; i++) {
+            const double start = cpu_seconds();
+
+            rebuild(&b, &map, &source, map.height / shares[i]);
+            times[i][round] = 1e3 * (cpu_seconds() - start);
+        }
+    progress_end(&scale->shown);
+    printf("%5d x %-8d %-10s", map.width, map.height, b.name);
+    for (i = 0; i < SHARES; i++)
+        printf(" %9.2f", median_of(times[i], rounds));
+    printf("\n");
+    fflush(stdout);
+    build_release(&b);
+}
+
+static void print_rebuilds(scale_state *scale)
+{
+    int blocks = scale->input.options.block_count, size;
+
+    printf("\nRebuilds of which so many rows changed, by row callback: ms, making the rows "
+           "included.\n\n%-16s %-10s %9s %9s %9s %9s\n", "", "", "all rows", "1/4", "1/16", "1/64");
+    for (size = 0; size < REBUILD_SIZES; size++) {
+        print_rebuild(scale, build_make("kd, WARP", 0, ENVSAMP_KD_WARP, blocks), size);
+        print_rebuild(scale, build_make("kd, ALIAS", 0, ENVSAMP_KD_ALIAS, blocks), size);
+    }
+}
+
 /* ---- the program ---- */
 
 static void print_help(void)
 {
     printf("usage: scale [huge] [--block-count N] [--width N] [MAP]\n"
            "\n"
-           "Times builds of large maps by row callback, and builds in steps.\n"
+           "Times builds of large maps by row callback, in steps, and of rows that changed.\n"
            "\n"
            "  huge             try all sizes, even where memory seems too small: 3 GB for the\n"
            "                   largest\n"
@@ -796,6 +853,7 @@ int main(int argc, char **argv)
     print_memory(&scale);
     print_integrals(&scale);
     print_steps(&scale);
+    print_rebuilds(&scale);
 
     free(scale.base);
     free(scale.noise);

@@ -31,13 +31,8 @@ static inline void *bench_allocate(size_t bytes)
 /* A lat-long map of three channels. */
 static inline envsamp_image bench_view(const image *map)
 {
-    envsamp_image view;
+    const envsamp_image view = { map->rgb, map->width, map->height, 3, 0, ENVSAMP_LATLONG };
 
-    memset(&view, 0, sizeof view);
-    view.pixels = map->rgb;
-    view.width = map->width;
-    view.height = map->height;
-    view.channels = 3;
     return view;
 }
 

@@ -3,17 +3,7 @@
 # and nothing written. And with small maps: their pictures. Needs build/demo_exr, build/samplers.
 cd "$(dirname "$0")/.." || exit 1
 demo=$PWD/build/demo_exr
-tmp=$(mktemp -d) || exit 1
-trap 'rm -rf "$tmp"' EXIT
-count=0
-
-report() {  # pass (0 is yes), what; a failure shows what the demo printed
-    count=$((count + 1))
-    [ "$1" = 0 ] && echo "ok $count - $2" && return
-    echo "not ok $count - $2"
-    { echo "$0: $demo -o $tmp/out: $2"; head -n 10 "$tmp/stdout" "$tmp/stderr"; } \
-        | sed 's/^/#   /' >&2
-}
+. tests/report.sh
 
 rejects() {  # file, what
     "$demo" -o "$tmp/out" "$1" >"$tmp/stdout" 2>"$tmp/stderr"

@@ -3,16 +3,7 @@
 # pop; suns and the rest of a map add up to the map. Each has controls, which have to fail. No
 # verdict depends on time. Needs build/engine and build/sun_and_sky.
 cd "$(dirname "$0")/.." || exit 1
-tmp=$(mktemp -d) || exit 1
-trap 'rm -rf "$tmp"' EXIT
-count=0
-
-report() {  # pass (0 is yes), what; a failure shows what the program printed
-    count=$((count + 1))
-    [ "$1" = 0 ] && echo "ok $count - $2" && return
-    echo "not ok $count - $2"
-    { echo "$0: $2"; head -n 20 "$tmp/out" "$tmp/err"; } | sed 's/^/#   /' >&2
-}
+. tests/report.sh
 
 run() {  # program, arguments...
     "$@" >"$tmp/out" 2>"$tmp/err"

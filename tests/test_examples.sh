@@ -3,16 +3,7 @@
 # galleries judge themselves or draw: product sampling and light x cosine keep their errors, lights
 # are drawn. Needs what EXAMPLES of the Makefile names.
 cd "$(dirname "$0")/.." || exit 1
-tmp=$(mktemp -d) || exit 1
-trap 'rm -rf "$tmp"' EXIT
-count=0
-
-report() {  # pass (0 is yes), what; a failure shows what the example printed
-    count=$((count + 1))
-    [ "$1" = 0 ] && echo "ok $count - $2" && return
-    echo "not ok $count - $2"
-    { echo "$0: $2"; head -n 20 "$tmp/out" "$tmp/err"; } | sed 's/^/#   /' >&2
-}
+. tests/report.sh
 
 build/product_gallery -q >"$tmp/out" 2>"$tmp/err"
 report $? "halftoned products have a third of the error of BRDF sampling, half of SIR's"

@@ -119,16 +119,6 @@ static void test_level(void)
 
 /* ---- lookups ---- */
 
-static void uniform_dir(pcg32 *random, float dir[3])
-{
-    const float z = 1.0f - 2.0f * pcg32_float(random), r = sqrtf(fmaxf(1.0f - z * z, 0.0f));
-    const float phi = 6.2831853f * pcg32_float(random);
-
-    dir[0] = r * cosf(phi);
-    dir[1] = r * sinf(phi);
-    dir[2] = z;
-}
-
 static void test_lookup(void)
 {
     image flat = make_map(24, 11, 0.7f, 0.0f), map = make_map(32, 16, 0.0f, 1.0f);
@@ -145,7 +135,7 @@ static void test_lookup(void)
     view.channels = 3;
     for (i = 0; i < 2000; i++) {
         float dir[3], rgb[3], right[3], half[3];
-        uniform_dir(&random, dir);
+        pcg32_dir(&random, dir);
         filtered_lookup(&constant, dir, powf(10.0f, 4.0f - 8.0f * pcg32_float(&random)), 4, 1.0f,
                         rgb);
         for (c = 0; c < 3; c++)
@@ -208,7 +198,7 @@ static void estimate(const filtered *f, double right, int count, float bias, dou
         double mean = 0.0;
         for (j = 0; j < count; j++) {
             float dir[3], rgb[3];
-            uniform_dir(&random, dir);
+            pcg32_dir(&random, dir);
             filtered_lookup(f, dir, (float)(0.25 / PI), count, bias, rgb);
             mean += (double)rgb[1] / count;
         }

@@ -6,22 +6,7 @@
 cd "$(dirname "$0")/.." || exit 1
 root=$(pwd)
 gpu=examples/gpu
-tmp=$(mktemp -d) || exit 1
-trap 'rm -rf "$tmp"' EXIT
-count=0
-
-report() {  # pass (0 is yes), what; a failure shows what was printed
-    count=$((count + 1))
-    [ "$1" = 0 ] && echo "ok $count - $2" && return
-    echo "not ok $count - $2"
-    failed=1
-    { echo "$0: $2"; head -n 20 "$tmp/out" "$tmp/err"; } | sed 's/^/#   /' >&2
-}
-
-skip() {
-    count=$((count + 1))
-    echo "ok $count # SKIP $1"
-}
+. tests/report.sh
 
 # ---- one source ----
 

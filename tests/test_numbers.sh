@@ -2,16 +2,7 @@
 # The numbers of the documents are those that their commands print, as far as these are short: see
 # numbers.pl. Needs build/samplers, build/facing_gallery and build/product_gallery.
 cd "$(dirname "$0")/.." || exit 1
-tmp=$(mktemp -d) || exit 1
-trap 'rm -rf "$tmp"' EXIT
-count=0
-
-report() {  # pass (0 is yes), what; a failure shows what was printed
-    count=$((count + 1))
-    [ "$1" = 0 ] && echo "ok $count - $2" && return
-    echo "not ok $count - $2"
-    { echo "$0: $2"; cat "$tmp/out"; } | sed 's/^/#   /' >&2
-}
+. tests/report.sh
 
 # Each number that is checked is also changed by one digit in turn, which must be reported.
 perl tests/numbers.pl -m >"$tmp/out" 2>&1

@@ -8,16 +8,8 @@ if [ ! -f /usr/include/embree3/rtcore.h ] && [ ! -f /usr/include/embree4/rtcore.
     echo "1..0 # SKIP no Embree"
     exit 0
 fi
-tmp=$(mktemp -d) || exit 1
+. tests/report.sh
 trap 'chmod -R u+w "$tmp"; rm -rf "$tmp"' EXIT
-count=0
-
-report() {  # pass (0 is yes), what; a failure shows what the renderer printed
-    count=$((count + 1))
-    [ "$1" = 0 ] && echo "ok $count - $2" && return
-    echo "not ok $count - $2"
-    { echo "$0: $2"; head -n 10 "$tmp/stdout" "$tmp/stderr"; } | sed 's/^/#   /' >&2
-}
 
 # ---- pictures ----
 

@@ -17,13 +17,8 @@
 
 static envsamp_image view_of(const image *map)
 {
-    envsamp_image view;
+    const envsamp_image view = { map->rgb, map->width, map->height, 3, 0, ENVSAMP_LATLONG };
 
-    memset(&view, 0, sizeof view);
-    view.pixels = map->rgb;
-    view.width = map->width;
-    view.height = map->height;
-    view.channels = 3;
     return view;
 }
 

@@ -108,13 +108,8 @@ float filtered_level(const filtered *f, const float dir[3], float pdf, int sampl
 
 static void lookup_level(const image *level, const float dir[3], float rgb[3])
 {
-    envsamp_image view;
+    const envsamp_image view = { level->rgb, level->width, level->height, 3, 0, ENVSAMP_LATLONG };
 
-    memset(&view, 0, sizeof view);
-    view.pixels = level->rgb;
-    view.width = level->width;
-    view.height = level->height;
-    view.channels = 3;
     envsamp_lookup(&view, 0, dir, rgb);
 }
 

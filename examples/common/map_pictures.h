@@ -63,6 +63,9 @@ static inline void picture_paste(picture *canvas, int x, int y, const picture *f
                from->rgb + (size_t)row * bytes, bytes);
 }
 
+#define PLATE_MARGIN 12
+#define PLATE_TITLE 30
+
 /* ---- blocks ---- */
 
 /* The upper and left sides of a block; its neighbours draw the others. Outlines of blocks of a
@@ -84,24 +87,31 @@ static inline void outline_block(picture *canvas, const picture *under,
         outline_pixel(canvas, x0, i, picture_pixel(under, x0, i), cover);
 }
 
-static inline int blocks_picture(picture *out, const image *map, float exposure,
+static inline int blocks_picture(picture *out, const char *name, const image *map, float exposure,
                                  const envsamp_kd *kd)
 {
-    picture under;
+    picture under = {0, 0, NULL}, lined = {0, 0, NULL};
     envsamp_kd_block block;
-    int i;
+    char title[100];
+    int made, i;
 
-    if (!picture_alloc(out, BLOCKS_WIDTH, BLOCKS_HEIGHT)
-        || !picture_alloc(&under, BLOCKS_WIDTH, BLOCKS_HEIGHT)) {
+    made = picture_alloc(out, BLOCKS_WIDTH, BLOCKS_HEIGHT + PLATE_TITLE)
+        && picture_alloc(&under, BLOCKS_WIDTH, BLOCKS_HEIGHT)
+        && picture_alloc(&lined, BLOCKS_WIDTH, BLOCKS_HEIGHT);
+    if (made) {
+        picture_map(&under, 0, 0, under.width, under.height, map, exposure);
+        picture_paste(&lined, 0, 0, &under);
+        for (i = 0; envsamp_kd_get_block(kd, i, &block) == ENVSAMP_OK; i++)
+            outline_block(&lined, &under, &block);
+        picture_paste(out, 0, PLATE_TITLE, &lined);
+        snprintf(title, sizeof title, "%.20s: THE %d BLOCKS OF WARP", name, i);
+        picture_text(out, PLATE_MARGIN, 8, 2, map_white, title);
+    } else {
         picture_free(out);
-        return 0;
     }
-    picture_map(&under, 0, 0, under.width, under.height, map, exposure);
-    picture_paste(out, 0, 0, &under);
-    for (i = 0; envsamp_kd_get_block(kd, i, &block) == ENVSAMP_OK; i++)
-        outline_block(out, &under, &block);
     picture_free(&under);
-    return 1;
+    picture_free(&lined);
+    return made;
 }
 
 /* ---- points: a row a sampler, the map on the left, the unit square on the right ---- */
@@ -113,8 +123,6 @@ static inline int blocks_picture(picture *out, const image *map, float exposure,
 #define PLATE_MAP (2 * PLATE_HEIGHT)
 #define PLATE_SQUARE (PLATE_MAP + PLATE_MARGIN)      /* where the square begins */
 #define PLATE_WIDTH (PLATE_SQUARE + PLATE_HEIGHT)
-#define PLATE_MARGIN 12
-#define PLATE_TITLE 30
 
 /* What all rows start from: the map, and in the square that map as WARP flattens it, where every
    pixel has the same share of the light. */

@@ -3,6 +3,7 @@
  *     pcg32 random = pcg32_make(42, 0);
  *     float x = pcg32_float(&random);        in [0, 1), 24 bits
  *     float u[2];
+ *     pcg32_dir(&random, dir);               evenly over the sphere
  *     sobol_owen(index, seed, u);            point `index` of the sequence that `seed` picks
  *
  * The same numbers on every machine and compiler.
@@ -10,6 +11,7 @@
 #ifndef RANDOM_H
 #define RANDOM_H
 
+#include <math.h>
 #include <stdint.h>
 
 /* PCG32: a 64-bit linear congruential generator with a permuted output. [O'Neill, PCG: A family
@@ -50,6 +52,16 @@ static inline float unit_float(uint32_t bits)
 static inline float pcg32_float(pcg32 *random)
 {
     return unit_float(pcg32_next(random));
+}
+
+static inline void pcg32_dir(pcg32 *random, float dir[3])
+{
+    const float z = 1.0f - 2.0f * pcg32_float(random), r = sqrtf(fmaxf(1.0f - z * z, 0.0f));
+    const float phi = 6.2831853f * pcg32_float(random);
+
+    dir[0] = r * cosf(phi);
+    dir[1] = r * sinf(phi);
+    dir[2] = z;
 }
 
 /* A bijection of 32 bits in which each input bit flips about half of the output bits.

@@ -15,6 +15,7 @@
 #include "../common/exr.h"
 #include "../common/image.h"
 #include "../common/maps.h"
+#include "../common/progress.h"
 #include "environment.h"
 #include "integrator.h"
 #include "lights.h"
@@ -32,7 +33,6 @@
 
 #define MADE_WIDTH 1024
 #define SIDE_MAX 16384
-#define LOG_SECONDS 10.0             /* between lines of a log */
 
 typedef struct options {
     const char *env, *scene, *method, *out;
@@ -346,8 +346,9 @@ static int write_picture(const options *o, const image *picture)
 /* ---- progress ---- */
 
 typedef struct clockwork {
-    int terminal;
-    double start, said;              /* seconds */
+    progress bar;
+    tile_progress tiles;             /* what moves it */
+    double start;                    /* seconds */
     double limit;                    /* of --seconds; 0: none */
 } clockwork;
 
@@ -359,32 +360,20 @@ static double seconds_now(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* A bar on a terminal, a line now and then in a log. */
 static void report(double share, void *user)
 {
     clockwork *c = user;
-    const double now = seconds_now(), spent = now - c->start;
-    const double all = c->limit > 0.0 ? c->limit : spent / share;
-    const int length = 40, full = (int)(length * fmin(spent / all, 1.0));
-    const double left = fmax(all - spent, 0.0);
 
-    if (now - c->said < (c->terminal ? 0.1 : LOG_SECONDS))
-        return;
-    c->said = now;
-    if (c->terminal) {
-        fprintf(stderr, "\r[%.*s%*s] %3.0f %%, %.0f s left   ", full,
-                "########################################", length - full, "",
-                100.0 * spent / all, left);
-    } else {
-        printf("%3.0f %%, %.0f s left\n", 100.0 * spent / all, left);
-        fflush(stdout);
-    }
+    progress_show(&c->bar, c->limit > 0.0 ? fmin((seconds_now() - c->start) / c->limit, 1.0)
+                                          : share, NULL);
 }
 
-static void end_progress(const clockwork *c)
+static void start_clock(clockwork *c)
 {
-    if (c->terminal)
-        fprintf(stderr, "\r%70s\r", "");
+    c->start = seconds_now();
+    c->bar = progress_start("render");
+    c->tiles.report = report;
+    c->tiles.user = c;
 }
 
 /* ---- pictures ---- */
@@ -423,12 +412,12 @@ static int render_film(const options *o, const char *name,
 
     if (!film_make(&f, o->width, o->height))
         return fail(o->out, "not enough memory for the picture");
-    c->start = c->said = seconds_now();
+    start_clock(c);
     if (o->seconds > 0.0)
         render_seconds(add, job, &f, o->seconds);
     else
         add(job, &f, (uint32_t)((o->spp + rays - 1) / rays));
-    end_progress(c);
+    progress_end(&c->bar);
     film_image(&f, picture);
     printf("%s, %s, %s: %u samples a pixel, %.2f s\n", o->env, o->scene, name,
            (unsigned)f.samples * (unsigned)rays, seconds_now() - c->start);
@@ -441,7 +430,6 @@ static int render_paths(const options *o, const scene *s, const environment *e, 
 {
     const sampler_options table = {(float)o->compensation, (float)o->exponent, o->blocks};
     const char *name = o->method ? o->method : "facing+mis";
-    tile_progress progress;
     char error[512];
     render_job job;
     method by;
@@ -450,8 +438,6 @@ static int render_paths(const options *o, const scene *s, const environment *e, 
     if (!method_open(&by, name, e, &table, error, sizeof error))
         return fail("--method", error);
     memset(&job, 0, sizeof job);
-    progress.report = report;
-    progress.user = c;
     job.scene = s;
     job.environment = e;
     job.method = &by;
@@ -460,7 +446,7 @@ static int render_paths(const options *o, const scene *s, const environment *e, 
     job.independent = o->independent;
     job.seed = (uint32_t)o->seed;
     job.threads = o->threads;
-    job.progress = &progress;
+    job.progress = &c->tiles;
     ok = render_film(o, name, add_samples, &job, 1, c, picture);
     method_close(&by);
     return ok;
@@ -470,15 +456,12 @@ static int render_products(const options *o, const scene *s, const environment *
                            image *picture)
 {
     product *light = product_make(e);
-    tile_progress progress;
     product_job job;
     int ok;
 
     if (!light)
         return fail(o->env, "not enough memory for product sampling");
     memset(&job, 0, sizeof job);
-    progress.report = report;
-    progress.user = c;
     job.scene = s;
     job.environment = e;
     job.product = light;
@@ -487,7 +470,7 @@ static int render_products(const options *o, const scene *s, const environment *
     job.rays = PRODUCT_RAYS;
     job.seed = (uint32_t)o->seed;
     job.threads = o->threads;
-    job.progress = &progress;
+    job.progress = &c->tiles;
     ok = render_film(o, o->method, add_products, &job, job.rays, c, picture);
     product_free(light);
     return ok;
@@ -497,7 +480,6 @@ static int render_lights(const options *o, const scene *s, const environment *e,
                          image *picture)
 {
     const char *name = o->method ? o->method : "relaxed";
-    tile_progress progress;
     char error[512];
     light_list list;
     lights_job job;
@@ -508,8 +490,6 @@ static int render_lights(const options *o, const scene *s, const environment *e,
     if (strcmp(name, "decomposed"))
         lights_mark(&list, LIGHTS_LAMP);
     memset(&job, 0, sizeof job);
-    progress.report = report;
-    progress.user = c;
     job.scene = s;
     job.environment = e;
     job.list = &list;
@@ -518,10 +498,10 @@ static int render_lights(const options *o, const scene *s, const environment *e,
     job.reduce = o->reduce;
     job.seed = (uint32_t)o->seed;
     job.threads = o->threads;
-    job.progress = &progress;
-    c->start = c->said = seconds_now();
+    job.progress = &c->tiles;
+    start_clock(c);
     ok = lights_render(&job, picture);
-    end_progress(c);
+    progress_end(&c->bar);
     lights_free(&list);
     if (!ok)
         return fail(o->out, "not enough memory for the picture");
@@ -542,13 +522,13 @@ static int is_product(const char *name)
 static int render(const options *o)
 {
     image map = {0, 0, NULL}, picture = {0, 0, NULL};
-    clockwork c = {0, 0.0, 0.0, 0.0};
+    clockwork c;
     char error[256];
     environment e;
     scene *s;
     int ok;
 
-    c.terminal = isatty(STDERR_FILENO);
+    start_clock(&c);
     c.limit = o->seconds;
     if (o->bounces > 1 && (o->lights || is_product(o->method)))
         return fail("--bounces", "lights and products are of direct light only");
