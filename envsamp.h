@@ -1050,9 +1050,9 @@ static uint64_t envsamp__double_bits(const double *value)
 /* The largest exponent; 0x7ff: a number is not finite. */
 static int envsamp__exponent(const double *values, int count)
 {
-    int i, largest = 0;
+    int largest = 0;
 
-    for (i = 0; i < count; i++)
+    for (int i = 0; i < count; i++)
         largest = envsamp__max_int(largest, (int)(envsamp__double_bits(&values[i]) >> 52 & 0x7ff));
     return largest;
 }
@@ -1206,19 +1206,19 @@ ENVSAMP__HOT void envsamp__octahedral_uv(float x, float y, float z, float r, flo
     float big = abs_x > abs_y ? abs_x : abs_y, lesser = abs_x > abs_y ? abs_y : abs_x;
     float high = r > abs_z ? r : abs_z, low = r > abs_z ? abs_z : r;
     float across = lesser / (big + FLT_MIN);
-    float down = low / (high + FLT_MIN), turn, w, s, p, q;
+    float down = low / (high + FLT_MIN);
 
-    turn = 4.0f * envsamp__octant_turn(down);
+    float turn = 4.0f * envsamp__octant_turn(down);
     turn = turn < 0.5f ? turn : 0.5f;
-    w = ENVSAMP_FABSF(1.0f - envsamp__positive(abs_z - r) - turn);
-    s = w * w;
+    float w = ENVSAMP_FABSF(1.0f - envsamp__positive(abs_z - r) - turn);
+    float s = w * w;
     w = w * ((0.555360375f - s * 0.0570955985f) + s * s * (0.00176060538f - s * 2.53690523e-05f));
     w = w < 0.5f ? w : 0.5f;
     turn = 4.0f * envsamp__octant_turn(across);
     turn = turn < 0.5f ? turn : 0.5f;
-    q = w * ENVSAMP_FABSF(envsamp__positive(abs_y - abs_x) - turn);
+    float q = w * ENVSAMP_FABSF(envsamp__positive(abs_y - abs_x) - turn);
     s = envsamp__positive(z + 0.0f);    /* 1 for the zero vector, whatever its signs */
-    p = ENVSAMP_FABSF(s * w - q);       /* south: p and q change places */
+    float p = ENVSAMP_FABSF(s * w - q);    /* south: p and q change places */
     q = w - p;
     *u = ENVSAMP_FABSF(envsamp__positive(x) - ENVSAMP_FABSF(0.5f * s - p));
     *v = ENVSAMP_FABSF(envsamp__positive(y) - ENVSAMP_FABSF(0.5f * s - q));
@@ -1241,16 +1241,15 @@ ENVSAMP__HOT float envsamp__exp2m1(double x)
 ENVSAMP_DEVICE static double envsamp__log2(double x)
 {
     uint64_t bits;
-    double m, w, t;
-    int exponent;
+    double m;
 
     ENVSAMP_MEMCPY(&bits, &x, sizeof bits);
-    exponent = (int)((bits - (uint64_t)0x3fe6a09e667f3bcd) >> 52 & 0xfffu);
+    int exponent = (int)((bits - (uint64_t)0x3fe6a09e667f3bcd) >> 52 & 0xfffu);
     exponent = exponent >= 0x800 ? exponent - 0x1000 : exponent;
     bits -= (uint64_t)(int64_t)exponent << 52;
     ENVSAMP_MEMCPY(&m, &bits, sizeof m);
-    w = (m - 1.0) / (m + 1.0);
-    t = w * w;
+    double w = (m - 1.0) / (m + 1.0);
+    double t = w * w;
     return (double)exponent + 2.88539008177792681472 * w * (1.0 + t * (1.0 / 3 + t * (1.0 / 5
          + t * (1.0 / 7 + t * (1.0 / 9 + t * (1.0 / 11 + t * (1.0 / 13 + t * (1.0 / 15
          + t * (1.0 / 17)))))))));
@@ -1272,9 +1271,8 @@ ENVSAMP_DEVICE static double envsamp__exp2(double x)
 static inline double envsamp__dot(const double *a, const double *b, int count)
 {
     double sum = 0.0;
-    int i;
 
-    for (i = 0; i < count; i++)
+    for (int i = 0; i < count; i++)
         sum += a[i] * b[i];
     return sum;
 }
@@ -1333,13 +1331,11 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_luminance(const float rgb[3])
 
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_other)
 {
-    float ratio;
-
     if (!(pdf_taken > 0.0f))
         return 0.0f;
     if (envsamp__order(pdf_taken) > envsamp__order(FLT_MAX))
         return envsamp__order(pdf_other) > envsamp__order(FLT_MAX) ? 0.5f : 1.0f;
-    ratio = pdf_other / pdf_taken;      /* squares of large densities would overflow */
+    float ratio = pdf_other / pdf_taken;    /* squares of large densities would overflow */
     return 1.0f / (1.0f + ratio * ratio);
 }
 
@@ -1405,7 +1401,6 @@ static int envsamp__check_add(const void *table, uint64_t most, envsamp__check *
     envsamp__check sums = *s;
     envsamp__table head;
     uint64_t bits[4], sum = 0, end;
-    int k;
 
     ENVSAMP_MEMCPY(&head, table, sizeof head);
     if (sums.at == 0) {
@@ -1419,12 +1414,12 @@ static int envsamp__check_add(const void *table, uint64_t most, envsamp__check *
             ENVSAMP_MEMSET(bits, 0, sizeof bits);
             ENVSAMP_MEMCPY(bits, (const char *)table + sums.at, (size_t)(head.bytes - sums.at));
         }
-        for (k = 0; k < 4; k++) {
+        for (int k = 0; k < 4; k++) {
             sums.lane[k] = (sums.lane[k] ^ bits[k]) * ENVSAMP__SPREAD;
             sums.lane[k] ^= sums.lane[k] >> 32;
         }
     }
-    for (k = 0; k < 4; k++) {
+    for (int k = 0; k < 4; k++) {
         sum = (sum ^ sums.lane[k]) * ENVSAMP__SPREAD;
         sum ^= sum >> 32;
     }
@@ -1477,12 +1472,10 @@ static const float *envsamp__pixel_at(const envsamp_image *image, int x, int y)
 
 static envsamp_result envsamp__image_check(const envsamp_image *image)
 {
-    size_t stride;
-
     if (image->width < 1 || image->width > 65535 || image->height < 1 || image->height > 65535
         || (image->channels != 1 && image->channels != 3 && image->channels != 4))
         return ENVSAMP_ERR_SIZE;
-    stride = envsamp__row_stride(image);
+    size_t stride = envsamp__row_stride(image);
     if (stride / 4 / (size_t)image->channels < (size_t)image->width
         || stride > SIZE_MAX / (size_t)image->height)
         return ENVSAMP_ERR_SIZE;
@@ -1536,9 +1529,9 @@ static void envsamp__wrap_texel(envsamp_mapping mapping, int width, int height, 
    whether a channel was bad. */
 static int envsamp__mend_pixel(const float *from, int channels, float rgb[3])
 {
-    int black = 0, negative = 0, c;
+    int black = 0, negative = 0;
 
-    for (c = 0; c < 3; c++) {
+    for (int c = 0; c < 3; c++) {
         float value = from[channels == 1 ? 0 : c];
         uint32_t bits = envsamp__float_bits(value);
 
@@ -1562,7 +1555,7 @@ static inline uint32_t envsamp__suspect(float value)
 static const float *envsamp__read_pixels(const float *from, int channels, int count,
                                          float *mended, size_t *bad)
 {
-    int floats = channels * count, at = 0, i, c;
+    int floats = channels * count, at = 0, i;
     uint32_t top = 0;
 
     for (; at + ENVSAMP__CHUNK <= floats; at += ENVSAMP__CHUNK)
@@ -1580,7 +1573,7 @@ static const float *envsamp__read_pixels(const float *from, int channels, int co
         float rgba[4] = { 0.0f };
 
         *bad += (size_t)envsamp__mend_pixel(from + i * channels, channels, rgba);
-        for (c = 0; c < channels; c++)
+        for (int c = 0; c < channels; c++)
             mended[i * channels + c] = rgba[c];
     }
     return mended;
@@ -1592,16 +1585,15 @@ static size_t envsamp__read_luminance(const float *from, int channels, int count
 {
     float mended[4 * ENVSAMP__CHUNK];
     size_t bad = 0;
-    int x, i;
 
-    for (x = 0; x < count; x += ENVSAMP__CHUNK) {
+    for (int x = 0; x < count; x += ENVSAMP__CHUNK) {
         int run = envsamp__min(ENVSAMP__CHUNK, count - x);
         const float *pixels = envsamp__read_pixels(from + x * channels, channels, run, mended,
                                                    &bad);
 
         if (channels == 1)
             ENVSAMP_MEMCPY(luminance + x, pixels, (size_t)run * sizeof(float));
-        for (i = 0; i < run && channels > 1; i++)
+        for (int i = 0; i < run && channels > 1; i++)
             luminance[x + i] = envsamp_luminance(pixels + i * channels);
     }
     return bad;
@@ -1653,13 +1645,13 @@ static void envsamp__source_carve(envsamp__source *source, const envsamp_image *
    brightest remains what it is and nothing lit becomes black. */
 static inline float envsamp__importance(const envsamp__source *source, float luminance)
 {
-    float rest = luminance > source->dim ? luminance - source->dim : 0.0f, raised;
+    float rest = luminance > source->dim ? luminance - source->dim : 0.0f;
     double most = (double)source->brightest - (double)source->dim;
 
     if (!(source->power > 0.0f && rest > 0.0f && (double)rest < most))
         return rest;
-    raised = (float)(most * envsamp__exp2((double)source->power
-                                          * envsamp__log2((double)rest / most)));
+    float raised = (float)(most * envsamp__exp2((double)source->power
+                                                * envsamp__log2((double)rest / most)));
     return raised > FLT_MIN ? raised : rest < FLT_MIN ? rest : FLT_MIN;
 }
 
@@ -1669,7 +1661,6 @@ static envsamp_result envsamp__source_row(envsamp__source *source, int y, float 
     const envsamp_image *image = &source->image;
     const float *row = source->fn ? source->row : envsamp__pixel_at(image, 0, y);
     envsamp_result result = source->fn ? source->fn(y, source->row, source->user) : ENVSAMP_OK;
-    int x;
 
     if (result != ENVSAMP_OK)
         return result;
@@ -1677,7 +1668,7 @@ static envsamp_result envsamp__source_row(envsamp__source *source, int y, float 
                             + envsamp__read_luminance(row, image->channels, image->width,
                                                       luminance);
     if (source->dim > 0.0f || source->power > 0.0f)
-        for (x = 0; x < image->width; x++)
+        for (int x = 0; x < image->width; x++)
             luminance[x] = envsamp__importance(source, luminance[x]);
     return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
@@ -1701,18 +1692,17 @@ static void envsamp__border_line(const envsamp__source *source, int y, int outsi
                                  const float *inner, float *line)
 {
     const envsamp_image *image = &source->image;
-    int width = image->width, mirrored = image->height - 1 - y, x;
-    float corner;
+    int width = image->width, mirrored = image->height - 1 - y;
 
-    for (x = 0; x < width; x++) {
+    for (int x = 0; x < width; x++) {
         int wrapped_x = x, wrapped_y = outside;     /* is row y again */
 
         envsamp__wrap_texel(image->mapping, width, image->height, &wrapped_x, &wrapped_y);
         line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
     }
-    corner = image->mapping != ENVSAMP_OCTAHEDRAL ? line[width]
-           : envsamp__half(envsamp__importance(source, source->side[0][mirrored]))
-           + envsamp__half(envsamp__importance(source, source->side[1][mirrored]));
+    float corner = image->mapping != ENVSAMP_OCTAHEDRAL ? line[width]
+                 : envsamp__half(envsamp__importance(source, source->side[0][mirrored]))
+                 + envsamp__half(envsamp__importance(source, source->side[1][mirrored]));
     line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(corner);
 }
 
@@ -1727,19 +1717,19 @@ static void envsamp__border_line(const envsamp__source *source, int y, int outsi
 ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_uv_to_dir(envsamp_mapping mapping, float u, float v,
                                                   float dir[3])
 {
-    double a, b, p, q, r, ring, z, sine, cosine, sine_phi, cosine_phi;
+    double sine, cosine, sine_phi, cosine_phi;
 
     dir[0] = dir[1] = dir[2] = 0.0f;
     v = envsamp__saturate(v);
     if (mapping == ENVSAMP_OCTAHEDRAL) {
-        a = 2.0 * (double)envsamp__saturate(u) - 1.0;
-        b = 2.0 * (double)v - 1.0;
-        p = ENVSAMP__FABS(a);
-        q = ENVSAMP__FABS(b);
-        r = p + q > 1.0 ? 2.0 - (p + q) : p + q;
-        z = p + q > 1.0 ? r * r - 1.0 : 1.0 - r * r;
+        double a = 2.0 * (double)envsamp__saturate(u) - 1.0;
+        double b = 2.0 * (double)v - 1.0;
+        double p = ENVSAMP__FABS(a);
+        double q = ENVSAMP__FABS(b);
+        double r = p + q > 1.0 ? 2.0 - (p + q) : p + q;
+        double z = p + q > 1.0 ? r * r - 1.0 : 1.0 - r * r;
         q = p + q > 1.0 ? 1.0 - p : q;
-        ring = r * ENVSAMP_SQRT(2.0 - r * r);
+        double ring = r * ENVSAMP_SQRT(2.0 - r * r);
         envsamp__sincos_pi(r > 0.0 ? 0.5 * q / r : 0.0, &sine_phi, &cosine_phi);
         dir[0] = ENVSAMP_COPYSIGNF((float)(cosine_phi * ring), (float)a);
         dir[1] = ENVSAMP_COPYSIGNF((float)(sine_phi * ring), (float)b);
@@ -1759,7 +1749,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const
                                                   float uv[2])
 {
     double x = (double)dir[0], y = (double)dir[1];      /* whose squares cannot underflow */
-    float r = (float)ENVSAMP_SQRT(x * x + y * y), turn;
+    float r = (float)ENVSAMP_SQRT(x * x + y * y);
 
     if (mapping == ENVSAMP_OCTAHEDRAL) {
         envsamp__octahedral_uv(dir[0], dir[1], dir[2], r, &uv[0], &uv[1]);
@@ -1767,7 +1757,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const
         uv[1] = envsamp__saturate(uv[1]);
         return;
     }
-    turn = envsamp__turn(dir[1], dir[0]);
+    float turn = envsamp__turn(dir[1], dir[0]);
     uv[0] = envsamp__float_bits(turn) < 0x3f800000u ? turn : 0.0f;      /* a NaN is 0, too */
     turn = envsamp__saturate(envsamp__turn(r, dir[2]));
     uv[1] = mapping == ENVSAMP_HEMISPHERE ? 4.0f * turn : 2.0f * turn;
@@ -1776,27 +1766,26 @@ ENVSAMP_DEVICE ENVSAMP_DEF void envsamp_dir_to_uv(envsamp_mapping mapping, const
 ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const float dir[3],
                                 float rgb[3])
 {
-    float uv[2], texel[3], fx, fy, half = nearest ? 0.0f : 0.5f;
-    int x0, y0, i, c;
+    float uv[2], texel[3], half = nearest ? 0.0f : 0.5f;
 
     ENVSAMP_ASSERT(image && dir && rgb && envsamp__floats_check(image->pixels) == ENVSAMP_OK);
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
     if (image->mapping == ENVSAMP_HEMISPHERE && dir[2] < 0.0f)
         return;
     envsamp_dir_to_uv(image->mapping, dir, uv);
-    fx = uv[0] * (float)image->width;
-    fy = uv[1] * (float)image->height;
-    x0 = fx < half ? -1 : (int)envsamp__index(fx - half, (uint32_t)image->width);
-    y0 = fy < half ? -1 : (int)envsamp__index(fy - half, (uint32_t)image->height);
+    float fx = uv[0] * (float)image->width;
+    float fy = uv[1] * (float)image->height;
+    int x0 = fx < half ? -1 : (int)envsamp__index(fx - half, (uint32_t)image->width);
+    int y0 = fy < half ? -1 : (int)envsamp__index(fy - half, (uint32_t)image->height);
     fx = nearest ? 0.0f : fx - (0.5f + (float)x0);
     fy = nearest ? 0.0f : fy - (0.5f + (float)y0);
-    for (i = 0; i < (nearest ? 1 : 4); i++) {
+    for (int i = 0; i < (nearest ? 1 : 4); i++) {
         float weight = (i & 1 ? fx : 1.0f - fx) * (i & 2 ? fy : 1.0f - fy);
         int x = x0 + (i & 1), y = y0 + (i >> 1);
 
         envsamp__wrap_texel(image->mapping, image->width, image->height, &x, &y);
         envsamp__mend_pixel(envsamp__pixel_at(image, x, y), image->channels, texel);
-        for (c = 0; c < 3; c++)
+        for (int c = 0; c < 3; c++)
             rgb[c] += weight * texel[c];
     }
 }
@@ -1941,11 +1930,10 @@ static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, do
 static double envsamp__texel_sr(const envsamp__map *map, int y)
 {
     const envsamp__row_part *above = &map->rows[y], *below = above + 1;
-    double sr;
 
     if (!map->bilinear)
         return above->sr;
-    sr = above->sr * above->at + below->sr * (1.0 - below->at);
+    double sr = above->sr * above->at + below->sr * (1.0 - below->at);
     if (y == 0)
         sr += above->sr * (1.0 - above->at);
     if (y + 1 == map->image_height)
@@ -1959,11 +1947,9 @@ static double envsamp__texel_sr(const envsamp__map *map, int y)
    equator, minus (1 + cos theta) below, so that each is exact at its pole, or v. */
 static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
 {
-    envsamp__polar p;
-
     if (axis == 0)
         return (float)((at - map->bounds.x0) / (double)map->image_width);
-    p = envsamp__polar_at(map, at);
+    envsamp__polar p = envsamp__polar_at(map, at);
     return envsamp__with_sign((float)p.cap, p.south);
 }
 
@@ -1981,11 +1967,11 @@ ENVSAMP__MATH uint32_t envsamp__edge_key(float y)
 static int envsamp__store_cut(const envsamp__map *map, const envsamp__rect *rect, int axis,
                               double *at)
 {
-    double whole = (double)(int)(*at + 0.5), edge, range, sine;
+    double whole = (double)(int)(*at + 0.5);
     float stored = envsamp__stored_edge(map, *at, axis);
     uint32_t key = envsamp__edge_key(stored);
 
-    edge = (double)ENVSAMP_FABSF(stored);
+    double edge = (double)ENVSAMP_FABSF(stored);
     if (envsamp__edge_key(envsamp__stored_edge(map, whole, axis)) == key) {
         *at = whole;
     } else if (axis == 0) {
@@ -1995,8 +1981,8 @@ static int envsamp__store_cut(const envsamp__map *map, const envsamp__rect *rect
     } else {                                /* a step of Newton's */
         envsamp__polar p = envsamp__polar_at(map, *at);
 
-        range = ENVSAMP__PI * (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
-        sine = ENVSAMP_SQRT(p.cap * (2.0 - p.cap));
+        double range = ENVSAMP__PI * (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
+        double sine = ENVSAMP_SQRT(p.cap * (2.0 - p.cap));
         if (sine > 0.0)
             *at += (p.south ? p.cap - edge : edge - p.cap)
                  / (sine * range / (double)map->image_height);
@@ -2025,9 +2011,9 @@ ENVSAMP__MATH int envsamp__edge_valid(uint32_t mapping, float edge, int axis)
 /* Edges x0, x1, y0, y1 that rise. */
 ENVSAMP__MATH int envsamp__edges_valid(uint32_t mapping, const float edge[4])
 {
-    int i, valid = edge[0] < edge[1] && envsamp__edge_key(edge[2]) < envsamp__edge_key(edge[3]);
+    int valid = edge[0] < edge[1] && envsamp__edge_key(edge[2]) < envsamp__edge_key(edge[3]);
 
-    for (i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++)
         valid &= envsamp__edge_valid(mapping, edge[i], i > 1);
     return valid;
 }
@@ -2113,19 +2099,18 @@ ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *at, 
 {
     const float *px = at, *north = at + ENVSAMP__BATCH, *south = at + 2 * ENVSAMP__BATCH;
     float turn[ENVSAMP__BATCH], sine[ENVSAMP__BATCH];
-    int i;
 
-    for (i = 0; i < n; i++)
+    for (int i = 0; i < n; i++)
         turn[i] = envsamp__clamp_unit(px[i]);
     if (mapping == ENVSAMP_OCTAHEDRAL) {
-        for (i = 0; i < n; i++)
+        for (int i = 0; i < n; i++)
             envsamp__octahedral_dir(turn[i], north[i], &x[i], &y[i], &z[i]);
         return;
     }
-    for (i = 0; i < n; i++)
+    for (int i = 0; i < n; i++)
         sine[i] = ENVSAMP_FABSF(north[i] * south[i]);   /* below 0 by rounding with -ffast-math */
     envsamp__sqrt_n(sine, n);
-    for (i = 0; i < n; i++) {
+    for (int i = 0; i < n; i++) {
         envsamp__point p = { turn[i], north[i], south[i] };
 
         envsamp__point_dir(p, sine[i], &x[i], &y[i], &z[i]);
@@ -2173,14 +2158,14 @@ ENVSAMP__HOT int envsamp__is_direction(float side, float sum)
 
 ENVSAMP__HOT envsamp__l1_coords envsamp__to_l1_coords(float x, float y, float z, float r)
 {
-    float side = ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum = r + ENVSAMP_FABSF(z), t, q;
+    float side = ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum = r + ENVSAMP_FABSF(z);
     envsamp__l1_coords d;
 
     /* with t = |y|/(|x|+|y|): t for x above 0, 2 - t for x below, and 4 less that for y below 0 */
-    t = side > 0.0f ? ENVSAMP_FABSF(y) / side : 0.0f;
+    float t = side > 0.0f ? ENVSAMP_FABSF(y) / side : 0.0f;
     t = 2.0f - ENVSAMP_COPYSIGNF(1.0f + ENVSAMP_COPYSIGNF(1.0f, x) - ENVSAMP_COPYSIGNF(t, x), y);
     d.valid = envsamp__is_direction(side, sum);
-    q = 1.0f - ENVSAMP_COPYSIGNF(1.0f - r / (d.valid ? sum : 1.0f), z);
+    float q = 1.0f - ENVSAMP_COPYSIGNF(1.0f - r / (d.valid ? sum : 1.0f), z);
     d.azimuth = d.valid && side > 0.0f ? t : 0.0f;      /* at a pole whatever the signs of zeros */
     d.polar = d.valid ? q : 0.0f;
     return d;
@@ -2222,21 +2207,21 @@ ENVSAMP__MATH envsamp__exact envsamp__dir_exact(uint32_t mapping, const float di
 {
     int octahedral = mapping == ENVSAMP_OCTAHEDRAL;
     double x = (double)dir[0], y = (double)dir[1], z = (double)dir[2], side = x * x + y * y;
-    double length = ENVSAMP_SQRT(side + z * z), r, b, turn, sine, cosine;
+    double length = ENVSAMP_SQRT(side + z * z), sine, cosine;
     double turn_x = octahedral ? ENVSAMP__FABS(x) : x, turn_y = octahedral ? ENVSAMP__FABS(y) : y;
     envsamp__exact e;
 
     e.cap = side / (length * (length + ENVSAMP__FABS(z)));
     e.south = z < 0.0;
-    turn = (double)envsamp__turn((float)turn_y, (float)turn_x);
+    double turn = (double)envsamp__turn((float)turn_y, (float)turn_x);
     envsamp__sincos_pi(2.0 * turn, &sine, &cosine);     /* a float and one step of Newton's */
     if (side > 0.0)
         turn += (turn_y * cosine - turn_x * sine) / (ENVSAMP_SQRT(side) * 2.0 * ENVSAMP__PI);
     e.x = side > 0.0 ? envsamp__clamp(turn, 0.0, 1.0) : 0.0;
     if (!octahedral)
         return e;
-    r = ENVSAMP_SQRT(e.cap);           /* |2 u - 1| + |2 v - 1| above the equator */
-    b = 4.0 * e.x * r;
+    double r = ENVSAMP_SQRT(e.cap);    /* |2 u - 1| + |2 v - 1| above the equator */
+    double b = 4.0 * e.x * r;
     e.x = e.south ? 1.0 - b : r - b;
     e.cap = e.south ? 1.0 - (r - b) : b;
     e.x = 0.5 * (x < 0.0 ? 1.0 - e.x : 1.0 + e.x);
@@ -2280,19 +2265,17 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
 static void envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
                                   void *user)
 {
-    int k, y;
-
     source->fn = fn;
     source->user = user;
     ENVSAMP_MEMSET(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
-    for (y = 0; y < map->height; y++)
+    for (int y = 0; y < map->height; y++)
         map->rows[y] = envsamp__part_of_row(map, y, envsamp__cell_edge(map, y, 1),
                                             envsamp__cell_edge(map, y + 1, 1), 0);
-    for (k = 1; k < map->level_count; k++) {
+    for (int k = 1; k < map->level_count; k++) {
         envsamp__level *level = &map->levels[k];
         size_t cells = (size_t)level->width * (size_t)level->height;
 
-        for (y = 0; y < level->height; y++)
+        for (int y = 0; y < level->height; y++)
             level->row_sr[y] = envsamp__rows_sr(map, envsamp__cell_edge(map, y << level->shift, 1),
                                                 envsamp__cell_edge(map, (y + 1) << level->shift,
                                                                    1));
@@ -2311,21 +2294,19 @@ static envsamp_result envsamp__survey_row(envsamp__source *source, const envsamp
     int folds = source->bilinear && map->mapping == ENVSAMP_OCTAHEDRAL;
     double sum = 0.0, whole_sr = (map->mapping == ENVSAMP_LATLONG ? 2.0 : 1.0)
                                * envsamp__unit_sr((uint32_t)map->mapping);
-    float dim;
-    int x, i;
 
     if (result != ENVSAMP_OK)
         return result;
-    for (x = 0; x < map->image_width; x++) {
+    for (int x = 0; x < map->image_width; x++) {
         sum += (double)luminance[x];
         source->brightest = luminance[x] > source->brightest ? luminance[x] : source->brightest;
     }
     source->integral += sum * envsamp__texel_sr(map, y);
-    for (i = 0; i < 2 && folds; i++)
+    for (int i = 0; i < 2 && folds; i++)
         source->side[i][y] = luminance[i ? map->image_width - 1 : 0];
     if (y + 1 < map->image_height)
         return ENVSAMP_OK;
-    dim = (float)((double)source->compensation * source->integral / whole_sr);
+    float dim = (float)((double)source->compensation * source->integral / whole_sr);
     if (!((double)source->brightest > 1.0001 * (double)dim))
         source->compensation = dim = 0.0f;
     source->dim = dim;
@@ -2361,14 +2342,13 @@ static inline void envsamp__cells(const envsamp__map *map, const float *a, const
                                   float *mean, float *variance)
 {
     float scale = map->scale;
-    int x;
 
     if (map->bilinear)
-        for (x = 0; x < 4; x++)
+        for (int x = 0; x < 4; x++)
             envsamp__cell(scale * a[x], scale * a[x + 1], scale * c[x], scale * c[x + 1], down,
                           tall, at[x], spread[x], &mean[x], &variance[x]);
     else
-        for (x = 0; x < 4; x++) {
+        for (int x = 0; x < 4; x++) {
             mean[x] = scale * a[x];
             variance[x] = 0.0f;
         }
@@ -2388,14 +2368,13 @@ static double envsamp__value_at(const envsamp__map *map, double x, double y)
 {
     const float *a = envsamp__line(map, (int)y) + (int)x, *c = a + map->stride;
     double left = envsamp__cell_edge(map, (int)x, 0), top = envsamp__cell_edge(map, (int)y, 1);
-    double across, down, upper, lower;
 
     if (!map->bilinear)
         return (double)a[0];
-    across = (x - left) / (envsamp__cell_edge(map, (int)x + 1, 0) - left);
-    down = (y - top) / (envsamp__cell_edge(map, (int)y + 1, 1) - top);
-    upper = (double)a[0] + across * ((double)a[1] - (double)a[0]);
-    lower = (double)c[0] + across * ((double)c[1] - (double)c[0]);
+    double across = (x - left) / (envsamp__cell_edge(map, (int)x + 1, 0) - left);
+    double down = (y - top) / (envsamp__cell_edge(map, (int)y + 1, 1) - top);
+    double upper = (double)a[0] + across * ((double)a[1] - (double)a[0]);
+    double lower = (double)c[0] + across * ((double)c[1] - (double)c[0]);
     return upper + down * (lower - upper);
 }
 
@@ -2425,37 +2404,36 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
 {
     envsamp__level *level = &map->levels[1];
     size_t cell = (size_t)cell_y * (size_t)level->width;
-    int y0 = cell_y * 4, rows = envsamp__min(4, map->height - y0), b = map->bilinear, x0, y, x, i;
+    int y0 = cell_y * 4, rows = envsamp__min(4, map->height - y0), b = map->bilinear;
     float scale = map->scale;
-    int even;
 
-    for (x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
+    for (int x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
         int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
         float sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK], peak[ENVSAMP__CHUNK + 1];
 
-        for (x = 0; x < ENVSAMP__CHUNK; x++)
+        for (int x = 0; x < ENVSAMP__CHUNK; x++)
             sum[x] = square[x] = peak[x] = 0.0f;
         peak[count] = 0.0f;
-        for (y = y0; y < y0 + rows; y++) {
+        for (int y = y0; y < y0 + rows; y++) {
             const envsamp__row_part *part = &map->rows[y];
             float weight = (float)(part->sr / level->row_sr[cell_y]);
             float down = (float)part->at, tall = (float)part->spread;
             const float *a = envsamp__line(map, y) + x0, *c = envsamp__line(map, y + b) + x0;
 
-            for (x = 0; x < count; x += 16) {
+            for (int x = 0; x < count; x += 16) {
                 float mean[16], variance[16];
 
                 if (b)
-                    for (i = 0; i < 16; i++)
+                    for (int i = 0; i < 16; i++)
                         envsamp__cell(scale * a[x + i], scale * a[x + i + 1], scale * c[x + i],
                                       scale * c[x + i + 1], down, tall, 0.5f, 1.0f / 12.0f,
                                       mean + i, variance + i);
                 else
-                    for (i = 0; i < 16; i++) {
+                    for (int i = 0; i < 16; i++) {
                         mean[i] = scale * a[x + i];
                         variance[i] = 0.0f;
                     }
-                for (i = 0; i < 16; i++) {
+                for (int i = 0; i < 16; i++) {
                     float above = a[x + i], below = c[x + i], most = peak[x + i];
 
                     most = above > most ? above : most;
@@ -2469,24 +2447,24 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
             peak[count] = *a > peak[count] ? *a : peak[count];
             peak[count] = *c > peak[count] ? *c : peak[count];
         }
-        for (x = 0; x < count; x += 4, cell++) {
-            float *s = sum + x, *q = square + x, inverse = 0.25f, mean, variance, most = peak[x];
+        for (int x = 0; x < count; x += 4, cell++) {
+            float *s = sum + x, *q = square + x, inverse = 0.25f, most = peak[x];
 
             if (x0 + x == 0 || x0 + x + 4 >= map->width) {
                 inverse = (float)(1.0 / envsamp__columns(map, level, (x0 + x) / 4));
-                for (i = 0; i < 4; i++) {
+                for (int i = 0; i < 4; i++) {
                     float width = (float)envsamp__columns(map, &map->levels[0], x0 + x + i);
 
                     s[i] = width > 0.0f ? width * s[i] : 0.0f;
                     q[i] = width > 0.0f ? width * q[i] : 0.0f;
                 }
             }
-            mean = inverse * ((s[0] + s[1]) + (s[2] + s[3]));
-            variance = inverse * ((q[0] + q[1]) + (q[2] + q[3])) - mean * mean;
+            float mean = inverse * ((s[0] + s[1]) + (s[2] + s[3]));
+            float variance = inverse * ((q[0] + q[1]) + (q[2] + q[3])) - mean * mean;
             mean *= (float)map->unit;
-            for (i = 1; i < envsamp__min(4, count - x) + b; i++)
+            for (int i = 1; i < envsamp__min(4, count - x) + b; i++)
                 most = peak[x + i] > most ? peak[x + i] : most;
-            even = mean > most * (1.0f - 5e-7f);
+            int even = mean > most * (1.0f - 5e-7f);
             map->highest[cell] = most;
             level->mean[cell] = even ? most : mean;
             level->deviation[cell] = even || variance < 0.0f ? 0.0f
@@ -2501,21 +2479,19 @@ static void envsamp__merge_cells(const envsamp__map *map, int k, int x, int y)
 {
     const envsamp__level *below = &map->levels[k - 1], *level = below + 1;
     size_t cell = (size_t)y * (size_t)level->width + (size_t)x;
-    double weight = 0.0, sum = 0.0, square = 0.0, mean, deviation;
+    double weight = 0.0, sum = 0.0, square = 0.0, mean;
     double size = (double)(1 << below->shift);
-    int i;
 
-    for (i = 0; i < 4; i++) {
+    for (int i = 0; i < 4; i++) {
         int from_x = 2 * x + (i & 1), from_y = 2 * y + (i >> 1);
         size_t from = (size_t)from_y * (size_t)below->width + (size_t)from_x;
-        double sr;
 
         if (from_x >= below->width || from_y >= below->height)
             continue;
-        sr = below->row_sr[from_y] * (from_x > 0 && from_x + 1 < below->width
-                                      ? size : envsamp__columns(map, below, from_x));
+        double sr = below->row_sr[from_y] * (from_x > 0 && from_x + 1 < below->width
+                                             ? size : envsamp__columns(map, below, from_x));
         mean = (double)below->mean[from];
-        deviation = (double)below->deviation[from];
+        double deviation = (double)below->deviation[from];
         weight += sr;
         sum += sr * mean;
         square += sr * (mean * mean + deviation * deviation);
@@ -2544,23 +2520,23 @@ static envsamp_result envsamp__map_line(envsamp__map *map, envsamp__source *sour
     envsamp_result result = envsamp__source_row(source, y, line + map->bilinear);
     double sum[4] = { 0.0 };            /* so that one addition need not wait for the last */
     float peak[4];
-    int x, i;
+    int x;
 
     if (result != ENVSAMP_OK)
         return result;
-    for (i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++)
         peak[i] = y > 0 ? 0.0f : source->brightest;     /* a fold mixes rows */
     for (x = 0; x + 4 <= map->image_width; x += 4) {
-        for (i = 0; i < 4; i++)
+        for (int i = 0; i < 4; i++)
             sum[i] += (double)texel[x + i];
-        for (i = 0; i < 4; i++)
+        for (int i = 0; i < 4; i++)
             peak[i] = texel[x + i] > peak[i] ? texel[x + i] : peak[i];
     }
     for (; x < map->image_width; x++) {
         sum[0] += (double)texel[x];
         peak[0] = texel[x] > peak[0] ? texel[x] : peak[0];
     }
-    for (i = 1; i < 4; i++)
+    for (int i = 1; i < 4; i++)
         peak[0] = peak[i] > peak[0] ? peak[i] : peak[0];
     row->peak = peak[0];
     row->sum = (sum[0] + sum[1]) + (sum[2] + sum[3]);
@@ -2621,7 +2597,6 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
                                uint64_t lines, envsamp__arena *arena)
 {
     double offset = bilinear ? 0.5 : 0.0;
-    uint64_t cells;
     int k = 0;
 
     map->mapping = image->mapping;
@@ -2646,7 +2621,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
         level->width = (map->width + (1 << level->shift) - 1) >> level->shift;
         level->height = (map->height + (1 << level->shift) - 1) >> level->shift;
         level->row_sr = k ? ENVSAMP__TAKE(double, arena, level->height) : NULL;
-        cells = k ? (uint64_t)level->width * (uint64_t)level->height : 0;
+        uint64_t cells = k ? (uint64_t)level->width * (uint64_t)level->height : 0;
         level->mean = ENVSAMP__TAKE(float, arena, cells + 4);
         level->deviation = ENVSAMP__TAKE(float, arena, cells + 4);
         map->highest = k == 1 ? ENVSAMP__TAKE(float, arena, cells) : map->highest;
@@ -2848,14 +2823,13 @@ static void envsamp__strip_begin(const envsamp__map *map, int k, int x0, int cou
                                  const envsamp__rect *rect, envsamp__strip *strip)
 {
     double size = envsamp__cell_size(map, k);
-    int i;
 
     strip->k = k;
     strip->x0 = x0;
     strip->count = count;
-    for (i = 0; i < ((count + 3) & ~3); i++) {
+    for (int i = 0; i < ((count + 3) & ~3); i++) {
         double low = envsamp__max((double)(x0 + i) * size, rect->x0);
-        double high = envsamp__min_double((double)(x0 + i + 1) * size, rect->x1), from, gap;
+        double high = envsamp__min_double((double)(x0 + i + 1) * size, rect->x1);
 
         strip->width[i] = i < count ? high - low : 0.0;
         strip->column[i] = i < count ? (int)low : 0;
@@ -2863,8 +2837,8 @@ static void envsamp__strip_begin(const envsamp__map *map, int k, int x0, int cou
         strip->spread[i] = 1.0f / 12.0f;
         if (k > 0 || i >= count || high - low >= 1.0)
             continue;
-        from = envsamp__cell_edge(map, strip->column[i], 0);
-        gap = envsamp__cell_edge(map, strip->column[i] + 1, 0) - from;
+        double from = envsamp__cell_edge(map, strip->column[i], 0);
+        double gap = envsamp__cell_edge(map, strip->column[i] + 1, 0) - from;
         strip->at[i] = (float)((0.5 * (low + high) - from) / gap);
         strip->spread[i] = (float)((high - low) / gap * (high - low) / gap / 12.0);
     }
@@ -2880,20 +2854,19 @@ static inline void envsamp__strip_cells(const envsamp__map *map, const envsamp__
     const float *a = envsamp__line(map, strip->k < 0 ? y >> -strip->k : y);
     const float *c = a + (map->bilinear ? map->stride : 0);
     float scale = map->scale;
-    int x;
 
     if (strip->k == 0) {
         envsamp__cells(map, a + strip->x0 + i, c + strip->x0 + i, down, tall, strip->at + i,
                        strip->spread + i, mean, variance);
     } else if (strip->k > 0) {
-        for (x = 0; x < 4; x++)
+        for (int x = 0; x < 4; x++)
             mean[x] = scale * level->mean[at + (size_t)x];
-        for (x = 0; x < 4; x++)
+        for (int x = 0; x < 4; x++)
             variance[x] = scale * level->deviation[at + (size_t)x];
-        for (x = 0; x < 4; x++)
+        for (int x = 0; x < 4; x++)
             variance[x] *= variance[x];
     } else {
-        for (x = i; x < i + 4; x++, mean++, variance++) {
+        for (int x = i; x < i + 4; x++, mean++, variance++) {
             const float *above = a + strip->column[x], *below = c + strip->column[x];
 
             envsamp__cell(scale * above[0], scale * above[1], scale * below[0], scale * below[1],
@@ -2911,14 +2884,13 @@ static envsamp__moments envsamp__strip_row(const envsamp__map *map, const envsam
     double scaled = part->sr * map->unit, unit = map->unit, sum[4] = { 0.0 }, square[4] = { 0.0 };
     float down = (float)part->at, tall = (float)part->spread;
     envsamp__moments row;
-    int i, x;
 
-    for (i = 0; i < strip->count; i += 4) {
+    for (int i = 0; i < strip->count; i += 4) {
         float mean[4], variance[4];
         double m[4], v[4];
 
         envsamp__strip_cells(map, strip, y, i, down, tall, mean, variance);
-        for (x = 0; x < 4; x++) {
+        for (int x = 0; x < 4; x++) {
             double weight = scaled * strip->width[i + x];
 
             m[x] = (double)mean[x];
@@ -2930,9 +2902,9 @@ static envsamp__moments envsamp__strip_row(const envsamp__map *map, const envsam
         if (columns) {
             double *s = columns->sum + bin + i, *q = columns->square + bin + i;
 
-            for (x = 0; x < 4; x++)
+            for (int x = 0; x < 4; x++)
                 s[x] += m[x];
-            for (x = 0; x < 4; x++)
+            for (int x = 0; x < 4; x++)
                 q[x] += v[x];
         }
     }
@@ -2946,14 +2918,13 @@ static void envsamp__add_cells(const envsamp__map *map, int k, const envsamp__wi
                                const envsamp__rect *rect, envsamp__sums *sums)
 {
     envsamp__strip strip;
-    int x, y;
 
-    for (x = w->x0; x < w->x1; x += ENVSAMP__CHUNK) {
+    for (int x = w->x0; x < w->x1; x += ENVSAMP__CHUNK) {
         envsamp__strip_begin(map, k, x, envsamp__min(ENVSAMP__CHUNK, w->x1 - x), rect, &strip);
         if (sums->columns)
             ENVSAMP_MEMCPY(sums->columns->weight + (x - sums->x0), strip.width,
                            (size_t)strip.count * sizeof *strip.width);
-        for (y = w->y0; y < w->y1; y++) {
+        for (int y = w->y0; y < w->y1; y++) {
             envsamp__row_part part = k == 0 && y > w->y0 && y + 1 < w->y1
                                    ? map->rows[y] : envsamp__level_row(map, k, y, rect);
             envsamp__moments row = envsamp__strip_row(map, &strip, y, &part, sums->columns,
@@ -2976,9 +2947,8 @@ static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const env
 {
     envsamp__window done = { 0, 0, 0, 0 };      /* in cells of level 0 */
     envsamp__sums sums = { NULL, NULL, 0, 0, { 0.0, 0.0 } };
-    int k, i;
 
-    for (k = map->level_count - 1; k >= 0; k--) {
+    for (int k = map->level_count - 1; k >= 0; k--) {
         int shift = map->levels[k].shift;
         envsamp__window w = envsamp__touched(map, k, rect, k > 0), in = w;
 
@@ -2992,7 +2962,7 @@ static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const env
             in.x1 = envsamp__min(done.x1 >> shift, w.x1);
             in.y1 = envsamp__min(done.y1 >> shift, w.y1);
         }
-        for (i = 0; i < 4; i++) {       /* above, left and right of it, and below */
+        for (int i = 0; i < 4; i++) {        /* above, left and right of it, and below */
             const envsamp__window rest = {
                 i == 2 ? in.x1 : w.x0, i == 0 ? w.y0 : i < 3 ? in.y0 : in.y1,
                 i == 1 ? in.x0 : w.x1, i == 0 ? in.y0 : i < 3 ? in.y1 : w.y1
@@ -3014,18 +2984,17 @@ static envsamp__moments envsamp__rect_moments(const envsamp__map *map, const env
 static double envsamp__rect_peak(const envsamp__map *map, const envsamp__rect *rect, double least)
 {
     envsamp__window w = envsamp__touched(map, 0, rect, 0);
-    int cell_x, cell_y, x, y;
 
-    for (cell_y = w.y0 / 4; 4 * cell_y < w.y1; cell_y++)
-        for (cell_x = w.x0 / 4; 4 * cell_x < w.x1; cell_x++) {
+    for (int cell_y = w.y0 / 4; 4 * cell_y < w.y1; cell_y++)
+        for (int cell_x = w.x0 / 4; 4 * cell_x < w.x1; cell_x++) {
             int end_x = envsamp__min(4 * cell_x + 4, w.x1) + map->bilinear;
             int end_y = envsamp__min(4 * cell_y + 4, w.y1) + map->bilinear;
 
             if ((double)map->highest[(size_t)cell_y * (size_t)map->levels[1].width
                                      + (size_t)cell_x] <= least)
                 continue;
-            for (y = envsamp__max_int(4 * cell_y, w.y0); y < end_y; y++)
-                for (x = envsamp__max_int(4 * cell_x, w.x0); x < end_x; x++) {
+            for (int y = envsamp__max_int(4 * cell_y, w.y0); y < end_y; y++)
+                for (int x = envsamp__max_int(4 * cell_x, w.x0); x < end_x; x++) {
                     double at_x = envsamp__clamp((double)x, rect->x0, rect->x1);
                     double at_y = envsamp__clamp((double)y, rect->y0, rect->y1);
 
@@ -3044,11 +3013,10 @@ static envsamp__moments envsamp__profile_rect(const envsamp__map *map, int k,
 {
     const envsamp__window w = envsamp__touched(map, k, rect, 0);
     envsamp__sums sums = { columns, rows, w.x0, w.y0, { 0.0, 0.0 } };
-    int i;
 
-    for (i = 0; columns && i < ((w.x1 - w.x0 + 3) & ~3); i++)
+    for (int i = 0; columns && i < ((w.x1 - w.x0 + 3) & ~3); i++)
         columns->sum[i] = columns->square[i] = 0.0;
-    for (i = 0; rows && i < w.y1 - w.y0; i++)
+    for (int i = 0; rows && i < w.y1 - w.y0; i++)
         rows->sum[i] = rows->square[i] = 0.0;
     envsamp__add_cells(map, k, &w, rect, &sums);
     return sums.total;
@@ -3063,14 +3031,12 @@ static void envsamp__correct_profile(const envsamp__map *map, int k, const envsa
     const envsamp__window inner = envsamp__touched(map, k, rect, 1);
     const envsamp__level *level = &map->levels[k];
     double size = envsamp__cell_size(map, k);
-    int x, y;
 
-    for (y = w.y0; y < w.y1; y++)
-        for (x = w.x0; x < w.x1; x++) {
+    for (int y = w.y0; y < w.y1; y++)
+        for (int x = w.x0; x < w.x1; x++) {
             size_t cell = (size_t)y * (size_t)level->width + (size_t)x;
-            double mean = (double)level->mean[cell], deviation = (double)level->deviation[cell], sr;
+            double mean = (double)level->mean[cell], deviation = (double)level->deviation[cell];
             int bin = axis ? y - w.y0 : x - w.x0;
-            envsamp__moments m;
             envsamp__rect r;
 
             if ((x >= inner.x0 && x < inner.x1 && y >= inner.y0 && y < inner.y1)
@@ -3080,8 +3046,8 @@ static void envsamp__correct_profile(const envsamp__map *map, int k, const envsa
             r.y0 = envsamp__max((double)y * size, rect->y0);
             r.x1 = envsamp__min_double((double)(x + 1) * size, rect->x1);
             r.y1 = envsamp__min_double((double)(y + 1) * size, rect->y1);
-            m = envsamp__rect_moments(map, &r);
-            sr = envsamp__rows_sr(map, r.y0, r.y1) * (r.x1 - r.x0);
+            envsamp__moments m = envsamp__rect_moments(map, &r);
+            double sr = envsamp__rows_sr(map, r.y0, r.y1) * (r.x1 - r.x0);
             profile->sum[bin] += m.sum - sr * mean;
             profile->square[bin] += m.square - sr * (mean * mean + deviation * deviation);
         }
@@ -3090,9 +3056,8 @@ static void envsamp__correct_profile(const envsamp__map *map, int k, const envsa
 static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int from, int to)
 {
     envsamp__moments m = { 0.0, 0.0 };
-    int i;
 
-    for (i = from; i < to; i++) {
+    for (int i = from; i < to; i++) {
         m.sum += p->sum[i];
         m.square += p->square[i];
     }
@@ -3109,7 +3074,6 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
     double sse = b->whole.square - b->whole.sum * b->whole.sum / sr;
     const envsamp__map *map = tree->map;
     float low = FLT_MAX, high = 0.0f;
-    int x, y;
 
     sse = sse > ENVSAMP__FLAT * b->whole.square ? sse : 0.0;
     if (b->depth >= tree->depth_limit)
@@ -3118,8 +3082,8 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
     case ENVSAMP_KD_SSE: return sse;    /* [1, equation 2], weighted by solid angle */
     case ENVSAMP_KD_VARIANCE: return sse / sr;
     case ENVSAMP_KD_RANGE:
-        for (y = (int)b->rect.y0; (double)(y - map->bilinear) < b->rect.y1; y++)
-            for (x = (int)b->rect.x0; (double)(x - map->bilinear) < b->rect.x1; x++) {
+        for (int y = (int)b->rect.y0; (double)(y - map->bilinear) < b->rect.y1; y++)
+            for (int x = (int)b->rect.x0; (double)(x - map->bilinear) < b->rect.x1; x++) {
                 float knot = envsamp__line(map, y)[x];
 
                 low = knot < low ? knot : low;
@@ -3134,12 +3098,12 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
 static int envsamp__split_level(const envsamp__tree *tree, const envsamp__rect *rect)
 {
     const envsamp__map *map = tree->map;
-    envsamp__window fine = envsamp__touched(map, 0, rect, 0), w;
+    envsamp__window fine = envsamp__touched(map, 0, rect, 0);
     int width = fine.x1 - fine.x0, height = fine.y1 - fine.y0;
     int k = (int64_t)width * height > ENVSAMP__SPLIT_CELLS ? 1 : -tree->fine_bits;
 
     for (;; k++) {
-        w = envsamp__touched(map, k, rect, 0);
+        envsamp__window w = envsamp__touched(map, k, rect, 0);
         if (k + 1 == map->level_count
             || (int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__SPLIT_CELLS)
             break;
@@ -3161,16 +3125,15 @@ static void envsamp__try_cuts(const envsamp__profile *p, int count, double cross
                               envsamp__search *search)
 {
     double sum = 0.0, square = 0.0, weight = 0.0;
-    int i;
 
-    for (i = 0; i + 1 < count; i++) {
-        double low_sr, high_sr, value;
+    for (int i = 0; i + 1 < count; i++) {
+        double value;
 
         sum += p->sum[i];
         square += p->square[i];
         weight += p->weight[i];
-        low_sr = weight * cross;
-        high_sr = sr - low_sr;
+        double low_sr = weight * cross;
+        double high_sr = sr - low_sr;
         if (excess) {
             double low = low_sr * square, high = high_sr * (whole->square - square);
 
@@ -3200,34 +3163,32 @@ static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
     int k = envsamp__split_level(tree, &b->rect), excess = tree->criterion == ENVSAMP_KD_EXCESS;
     envsamp__window w = envsamp__touched(map, k, &b->rect, 0);
     int width = w.x1 - w.x0, height = w.y1 - w.y0;
-    double columns = b->rect.x1 - b->rect.x0, sr = envsamp__block_sr(b), gain, bound;
+    double columns = b->rect.x1 - b->rect.x0, sr = envsamp__block_sr(b);
     envsamp__search search = { -DBL_MAX, -1, 0 };
-    envsamp__moments whole;
-    const envsamp__profile *profile;
 
     b->rough = k < 0 || (k > 0 && envsamp__is_cut(map, k, &b->rect));
-    whole = envsamp__profile_rect(map, k, &b->rect, tree->columns, tree->rows);
+    envsamp__moments whole = envsamp__profile_rect(map, k, &b->rect, tree->columns, tree->rows);
     envsamp__try_cuts(tree->columns, width, b->column_sr, sr, &whole, excess, 0, &search);
     envsamp__try_cuts(tree->rows, height, columns, sr, &whole, excess, 1, &search);
     b->whole = whole;
     b->axis = (signed char)search.axis;
     if (search.axis < 0)
         return 0.0;
-    gain = excess ? envsamp__q(sr, whole.square) - ENVSAMP_SQRT(-search.best)
-                  : search.best - whole.sum * whole.sum / sr;
+    double gain = excess ? envsamp__q(sr, whole.square) - ENVSAMP_SQRT(-search.best)
+                         : search.best - whole.sum * whole.sum / sr;
     if (gain <= ENVSAMP__FLAT * (excess ? whole.sum : search.best)) {
         gain = 0.0;
         search.axis = width < height;
         b->axis = (signed char)search.axis;
         search.at = (search.axis ? height : width) / 2;
     }
-    profile = search.axis ? tree->rows : tree->columns;
+    const envsamp__profile *profile = search.axis ? tree->rows : tree->columns;
     b->low = envsamp__profile_moments(profile, 0, search.at);
     b->high = envsamp__profile_moments(profile, search.at, search.axis ? height : width);
     b->at = (double)((search.axis ? w.y0 : w.x0) + search.at) * envsamp__cell_size(map, k);
     if (k < 0 && !envsamp__store_cut(map, &b->rect, b->axis, &b->at))
         b->axis = -1;
-    bound = envsamp__priority(tree, b);
+    double bound = envsamp__priority(tree, b);
     return b->axis < 0 ? 0.0 : excess ? envsamp__max(gain, ENVSAMP__GAIN_FLOOR * bound) : bound;
 }
 
@@ -3302,7 +3263,7 @@ static double envsamp__median_in_cell(const envsamp__map *map, const envsamp__re
 {
     envsamp__rect low = *rect;
     double from = axis ? rect->y0 : rect->x0, size = (axis ? rect->y1 : rect->x1) - from;
-    double *end = axis ? &low.y1 : &low.x1, half, slope, bend, at, over;
+    double *end = axis ? &low.y1 : &low.x1, half;
 
     *end = from + 0.5 * size;
     if (even)
@@ -3310,13 +3271,13 @@ static double envsamp__median_in_cell(const envsamp__map *map, const envsamp__re
                     / envsamp__rows_sr(map, rect->y0, rect->y1) : 0.5 * light;
     else
         half = envsamp__rect_moments(map, &low).sum;
-    slope = 4.0 * half - light;
-    bend = 2.0 * (light - 2.0 * half);
-    at = slope + ENVSAMP_SQRT(envsamp__max(slope * slope + 4.0 * bend * share * light, 0.0));
+    double slope = 4.0 * half - light;
+    double bend = 2.0 * (light - 2.0 * half);
+    double at = slope + ENVSAMP_SQRT(envsamp__max(slope * slope + 4.0 * bend * share * light, 0.0));
     at = at > 0.0 ? envsamp__clamp(2.0 * share * light / at, 0.0, 1.0) : share;
     *end = from + at * size;
     if (axis && !even && *end > from) {
-        over = envsamp__rect_moments(map, &low).sum - share * light;
+        double over = envsamp__rect_moments(map, &low).sum - share * light;
         slope += 2.0 * bend * at;
         at = slope > 0.0 ? envsamp__clamp(at - over / slope, 0.0, 1.0) : at;
     }
@@ -3334,12 +3295,11 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
     envsamp__profile *profile = axis ? tree->rows : tree->columns;
     envsamp__rect r = *rect;
     double *low = axis ? &r.y0 : &r.x0, *high = axis ? &r.y1 : &r.x1, share = 0.5;
-    double error = ENVSAMP__MEDIAN_SHARE * light, variance, across;
+    double error = ENVSAMP__MEDIAN_SHARE * light;
     int k, even;
 
     do {
         envsamp__window w, next = envsamp__touched(map, 0, &r, 0);
-        double size, from, wanted;
         int bins, first, i;
 
         for (k = 0;; k++) {
@@ -3354,21 +3314,21 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
                     || (axis ? next.y1 - next.y0 : next.x1 - next.x0) == 1))
                 break;
         }
-        size = envsamp__cell_size(map, k);
+        double size = envsamp__cell_size(map, k);
         envsamp__profile_rect(map, k, &r, axis ? NULL : profile, axis ? profile : NULL);
         if (k > 0)
             envsamp__correct_profile(map, k, &r, error, axis, profile);
-        wanted = share * envsamp__profile_moments(profile, 0, bins).sum;
+        double wanted = share * envsamp__profile_moments(profile, 0, bins).sum;
         for (i = 0; i + 1 < bins && profile->sum[i] < wanted; i++)
             wanted -= profile->sum[i];
-        from = (double)(first + i) * size;
+        double from = (double)(first + i) * size;
         light = profile->sum[i];
         share = light > 0.0 ? envsamp__clamp(wanted / light, 0.0, 1.0) : 0.5;
         *high = envsamp__min_double(from + size, *high);
         *low = envsamp__max(from, *low);
-        variance = envsamp__rows_sr(map, r.y0, r.y1) * (r.x1 - r.x0) * profile->square[i]
-                 - light * light;
-        across = (double)(axis ? w.x1 - w.x0 : w.y1 - w.y0);
+        double variance = envsamp__rows_sr(map, r.y0, r.y1) * (r.x1 - r.x0) * profile->square[i]
+                        - light * light;
+        double across = (double)(axis ? w.x1 - w.x0 : w.y1 - w.y0);
         even = k > 0 && variance <= 4.0 * across * error * error;
     } while (k > 0 && !even);
     return envsamp__median_in_cell(map, &r, axis, light, share, even);
@@ -3379,15 +3339,15 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
 static void envsamp__crown_end(envsamp__tree *tree)
 {
     envsamp__block *blocks = tree->blocks;
-    int bits = tree->tile_bits, i;
+    int bits = tree->tile_bits;
 
-    for (i = 0; i < (1 << bits) - 1; i++) {
+    for (int i = 0; i < (1 << bits) - 1; i++) {
         uint32_t child = (uint32_t)(2 * i + 1), tiles = (1u << bits) - 1;
 
         tree->cuts[i].child[0] = child < tiles ? child : ENVSAMP__LEAF | (child - tiles);
         tree->cuts[i].child[1] = tree->cuts[i].child[0] + 1;
     }
-    for (i = 0; i < 1 << bits; i++) {
+    for (int i = 0; i < 1 << bits; i++) {
         blocks[i].rect = blocks[(1 << bits) - 1 + i].rect;
         blocks[i].column_sr = envsamp__rows_sr(tree->map, blocks[i].rect.y0, blocks[i].rect.y1);
         blocks[i].whole.sum = tree->map->integral / (double)(1 << bits);
@@ -3542,16 +3502,16 @@ ENVSAMP__MATH double envsamp__model_log_ratio(double gamma, double g)
    where the model does not compute: alpha = 1000 n is flat. */
 static double envsamp__fit_cost(const envsamp__fit *fit, const double *param, double *residual)
 {
-    int power = fit->model == ENVSAMP_KD_POWER, chi2 = fit->objective == ENVSAMP_KD_CHI2, k;
+    int power = fit->model == ENVSAMP_KD_POWER, chi2 = fit->objective == ENVSAMP_KD_CHI2;
     double gamma = power ? envsamp__model_gamma(param[1]) : 0.0;
-    double inverse_alpha, low = envsamp__model_g(gamma, 0.0), cost = 0.0, scale;
+    double low = envsamp__model_g(gamma, 0.0), cost = 0.0;
 
     if (param[0] < ENVSAMP__LOG2_ALPHA_MIN || param[0] > 10.0 + envsamp__log2((double)fit->count)
         || (power && (param[1] < ENVSAMP__BETA_MIN || param[1] > ENVSAMP__BETA_MAX)))
         return DBL_MAX;
-    inverse_alpha = envsamp__exp2(-param[0]);
-    scale = 1.0 / envsamp__model_mass(gamma, (double)fit->count * inverse_alpha);
-    for (k = 0; k < fit->count; k++) {
+    double inverse_alpha = envsamp__exp2(-param[0]);
+    double scale = 1.0 / envsamp__model_mass(gamma, (double)fit->count * inverse_alpha);
+    for (int k = 0; k < fit->count; k++) {
         double high = envsamp__model_g(gamma, (double)(k + 1) * inverse_alpha);
         double bin = (high - low) * scale, target = fit->target[k], error = target - bin;
 
@@ -3579,17 +3539,17 @@ static void envsamp__fit_residuals(const double *param, double *residual, void *
 static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *best)
 {
     envsamp_lm_desc desc = { 1, 0, 30, 1e-10, 1e-10, 1e-10 };
-    int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3, k;
+    int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3;
     envsamp__fit_point next = *best;
 
     desc.param_count = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
     desc.residual_count = envsamp__max_int(fit->count, desc.param_count);
     for (; rounds > 0; rounds--) {
         if (fit->objective == ENVSAMP_KD_L1) {
-            for (k = 0; k < fit->count; k++)
+            for (int k = 0; k < fit->count; k++)
                 fit->weight[k] = 1.0;
             envsamp__fit_cost(fit, next.param, fit->weight);
-            for (k = 0; k < fit->count; k++)
+            for (int k = 0; k < fit->count; k++)
                 fit->weight[k] = 1.0 / ENVSAMP_SQRT(ENVSAMP__FABS(fit->weight[k]) + 1e-9);
         }
         envsamp_lm(&desc, envsamp__fit_residuals, fit, next.param, fit->lm_scratch, NULL);
@@ -3602,9 +3562,7 @@ static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *best)
    the kink that a minimum of L1 is, which no sum of squares has. */
 static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best, double step)
 {
-    int i;
-
-    for (i = 0; i < 60 && ENVSAMP__FABS(step) > 1e-5; i++) {
+    for (int i = 0; i < 60 && ENVSAMP__FABS(step) > 1e-5; i++) {
         envsamp__fit_point probe = *best;
 
         probe.param[0] += step;
@@ -3619,9 +3577,8 @@ static void envsamp__fit_line(const envsamp__fit *fit, envsamp__fit_point *best,
 static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best)
 {
     double step = 0.5;
-    int i;
 
-    for (i = 0; i < 40 && ENVSAMP__FABS(step) > 1e-3; i++) {
+    for (int i = 0; i < 40 && ENVSAMP__FABS(step) > 1e-3; i++) {
         envsamp__fit_point probe = *best;
 
         probe.param[1] += step;
@@ -3640,10 +3597,10 @@ static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
 {
     envsamp__fit_point last = { DBL_MAX, { 0.0, 0.0 } }, next = { 0.0, { 0.0, 0.0 } };
     double before = DBL_MAX;
-    int i, k;
+    int k;
 
     next.param[1] = beta;
-    for (i = 0; next.cost < DBL_MAX; i++) {
+    for (int i = 0; next.cost < DBL_MAX; i++) {
         next.param[0] = ENVSAMP__LOG2_ALPHA_MIN + step * (double)i;
         next.cost = envsamp__fit_cost(fit, next.param, NULL);
         if (i > 0 && last.cost <= before && last.cost <= next.cost
@@ -3662,16 +3619,16 @@ static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
 static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
 {
     const double betas[] = { 1.0, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0 };
-    int i, scans = fit->model == ENVSAMP_KD_LOG ? 1 : (int)(sizeof betas / sizeof betas[0]);
+    int scans = fit->model == ENVSAMP_KD_LOG ? 1 : (int)(sizeof betas / sizeof betas[0]);
     double step = fit->model == ENVSAMP_KD_LOG ? 0.25 : 1.0;
-    envsamp__fit_point starts[ENVSAMP__FIT_STARTS], best;
+    envsamp__fit_point starts[ENVSAMP__FIT_STARTS];
 
-    for (i = 0; i < ENVSAMP__FIT_STARTS; i++)
+    for (int i = 0; i < ENVSAMP__FIT_STARTS; i++)
         starts[i].cost = DBL_MAX;
-    for (i = 0; i < scans; i++)
+    for (int i = 0; i < scans; i++)
         envsamp__fit_scan(fit, betas[i], step, starts);
-    best = starts[0];
-    for (i = 0; i < ENVSAMP__FIT_STARTS && starts[i].cost < DBL_MAX; i++) {
+    envsamp__fit_point best = starts[0];
+    for (int i = 0; i < ENVSAMP__FIT_STARTS && starts[i].cost < DBL_MAX; i++) {
         envsamp__fit_polish(fit, &starts[i]);
         if (fit->objective == ENVSAMP_KD_L1)
             envsamp__fit_line(fit, &starts[i], 0.5 * step);
@@ -3685,12 +3642,12 @@ static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
 /* Sorts indices by falling key, equal keys by rising index: Shell's method. */
 static void envsamp__sort_descending(const double *key, uint32_t *order, int count)
 {
-    int gap = 1, hole, i;
+    int gap = 1, hole;
 
     while (gap < count / 3)
         gap = 3 * gap + 1;
     for (; gap > 0; gap /= 3)
-        for (i = gap; i < count; i++) {
+        for (int i = gap; i < count; i++) {
             const uint32_t item = order[i];
 
             for (hole = i; hole >= gap; hole -= gap) {
@@ -3713,25 +3670,24 @@ static void envsamp__round_draws(const double *weight, int count, uint32_t *draw
 {
     const uint32_t all = 1u << 24;
     uint32_t lifted = 0, given = 0, was_lifted;
-    double rest = 0.0, running = 0.0, scale;
-    int i;
+    double rest = 0.0, running = 0.0;
 
-    for (i = 0; i < count; i++) {
+    for (int i = 0; i < count; i++) {
         rest += weight[i];
         draws[i] = 0;
     }
     do {                            /* lifting some may push the next below 1; few rounds do */
         was_lifted = lifted;
-        scale = (double)(all - lifted) / rest;
+        double scale = (double)(all - lifted) / rest;
         rest = 0.0;
-        for (i = 0; i < count; i++)
+        for (int i = 0; i < count; i++)
             if (weight[i] > 0.0 && !draws[i]) {
                 draws[i] = weight[i] * scale < 1.0001;  /* so that rounding cannot give it none */
                 lifted += draws[i];
                 rest += draws[i] ? 0.0 : weight[i];
             }
     } while (lifted != was_lifted);
-    for (i = 0; i < count; i++)
+    for (int i = 0; i < count; i++)
         if (weight[i] > 0.0 && !draws[i]) {
             running += weight[i];
             draws[i] = (uint32_t)(running / rest * (double)(all - lifted) + 0.5) - given;
@@ -3745,9 +3701,9 @@ static void envsamp__round_draws(const double *weight, int count, uint32_t *draw
 static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t *bins,
                                  uint32_t *stack)
 {
-    uint32_t bin_count = 1u << (24 - shift), room = 1u << shift, light = 0, heavy = bin_count, i;
+    uint32_t bin_count = 1u << (24 - shift), room = 1u << shift, light = 0, heavy = bin_count;
 
-    for (i = 0; i < bin_count; i++)
+    for (uint32_t i = 0; i < bin_count; i++)
         stack[i >= (uint32_t)count || draws[i] < room ? light++ : --heavy] = i;
     while (light > 0) {
         uint32_t bin = stack[--light], donor = stack[heavy];
@@ -4120,13 +4076,13 @@ static uint32_t envsamp__root(const envsamp__tree *tree)
    Returns how many. */
 static uint32_t envsamp__number_nodes(envsamp_kd_job *job)
 {
-    uint32_t *number = job->order, blocks = (uint32_t)job->tree.block_count, count, even = 1, c, i;
+    uint32_t *number = job->order, blocks = (uint32_t)job->tree.block_count, count, even = 1;
 
     do {
         number[0] = even;
         count = !even;
-        for (c = 0; c + 1 < blocks; c++) {      /* children come after their parents */
-            for (i = 0; i < 2; i++)
+        for (uint32_t c = 0; c + 1 < blocks; c++) {        /* children come after their parents */
+            for (uint32_t i = 0; i < 2; i++)
                 if (!(job->tree.cuts[c].child[i] & ENVSAMP__LEAF))
                     number[job->tree.cuts[c].child[i]] = !number[c];
             if (number[c])
@@ -4147,14 +4103,13 @@ static void envsamp__write_pdf_nodes(const envsamp_kd_job *job, envsamp_kd *kd)
     const envsamp__tree *tree = &job->tree;
     envsamp__pdf_node *node = ENVSAMP__ARRAY_OUT(envsamp__pdf_node, kd, nodes);
     const uint32_t *number = job->order, size = sizeof *node / 4;
-    int c, i;
 
-    for (c = number[0] ? 0 : -1; c + 1 < tree->block_count; c++) {
+    for (int c = number[0] ? 0 : -1; c + 1 < tree->block_count; c++) {
         if (c >= 0 && !number[c])
             continue;
         if (c >= 0)
             node->cut[0] = envsamp__tree_cut(tree->map, &tree->cuts[c]);
-        for (i = 0; i < 4; i++) {
+        for (int i = 0; i < 4; i++) {
             uint32_t link = c >= 0 ? tree->cuts[c].child[i >> 1] : envsamp__root(tree);
 
             if (!(link & ENVSAMP__LEAF) && !number[link]) {
@@ -4174,11 +4129,11 @@ static void envsamp__write_pdf_nodes(const envsamp_kd_job *job, envsamp_kd *kd)
    right for every point that falls in one. */
 static void envsamp__write_grid(envsamp_kd *kd, uint32_t y)
 {
-    uint32_t *cell = ENVSAMP__ARRAY_OUT(uint32_t, kd, grid) + (y << kd->grid_bits_x), x;
+    uint32_t *cell = ENVSAMP__ARRAY_OUT(uint32_t, kd, grid) + (y << kd->grid_bits_x);
     float across = 4.0f / (float)(1u << kd->grid_bits_x);
     float down = envsamp__polar_end(kd->mapping) / (float)(1u << kd->grid_bits_y);
 
-    for (x = 0; x < 1u << kd->grid_bits_x; x++) {
+    for (uint32_t x = 0; x < 1u << kd->grid_bits_x; x++) {
         const float low[2] = { across * (float)x, down * (float)y };
         const float high[2] = { across * (float)(x + 1), down * (float)(y + 1) };
         uint32_t at = 3;
@@ -4208,13 +4163,12 @@ ENVSAMP__HOT uint32_t envsamp__enter_tile(const envsamp_kd *kd, int tile, float 
                                           size_t stride)
 {
     const envsamp__record *record = ENVSAMP__RECORDS(kd) + tile;
-    int k;
 
     edge[0] = record->edge[0];
     edge[stride] = record->edge[1];
     edge[2 * stride] = record->edge[2];
     edge[3 * stride] = record->edge[3];
-    for (k = 0; k < 4; k++)
+    for (int k = 0; k < 4; k++)
         cut[(size_t)k * stride] = (float)(k & 1);
     return record->link;
 }
@@ -4318,23 +4272,22 @@ static void envsamp__facing_block(const envsamp_kd *kd, const float cut[4], cons
     static const float place[3] = { 0.112701665f, 0.5f, 0.887298335f };
     static const float weight[3] = { 0.277777778f, 0.444444444f, 0.277777778f };
     uint32_t bits[2], at[2];
-    int i, k;
 
     bits[0] = kd->tile_bits_x;
     bits[1] = kd->tile_bits_y;
     at[0] = tile & ((1u << bits[0]) - 1);
     at[1] = tile >> bits[0];
     ENVSAMP_MEMSET(sum, 0, sizeof *sum);
-    for (i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++)
         sum->cut[i] = ((float)at[i / 2] + cut[i]) / (float)(1u << bits[i / 2]);
     sum->area = (sum->cut[1] - sum->cut[0]) * (sum->cut[3] - sum->cut[2]);
-    for (i = 0; i < 9 && sum->area > 0.0f; i++) {
+    for (int i = 0; i < 9 && sum->area > 0.0f; i++) {
         envsamp__point p = envsamp__between(edge[0], edge[1], place[i % 3], edge[2], edge[3],
                                             place[i / 3]);
         envsamp_sample s = envsamp__point_sample(kd->mapping, p, 0.0f);
         float w = sum->area * weight[i % 3] * weight[i / 3];
 
-        for (k = 0; k < 3; k++) {
+        for (int k = 0; k < 3; k++) {
             sum->first[k] += w * s.dir[k];
             sum->second[k] += w * s.dir[k] * s.dir[k];
             sum->second[3 + k] += w * s.dir[k == 2] * s.dir[k == 0 ? 1 : 2];
@@ -4356,9 +4309,7 @@ static const envsamp__cut *envsamp__facing_cut(const envsamp_kd_job *job, uint32
 /* Sums of all cuts, from the last to the first: children come after their parents. */
 static void envsamp__facing_cuts(const envsamp_kd_job *job)
 {
-    int i, k;
-
-    for (i = job->tree.block_count - 2; i >= 0; i--) {
+    for (int i = job->tree.block_count - 2; i >= 0; i--) {
         const envsamp__cut *cut = &job->tree.cuts[i];
         const envsamp__facing_sum *high = envsamp__facing_of(job, cut->child[1]);
         envsamp__facing_sum *sum = &job->facing[i];
@@ -4369,7 +4320,7 @@ static void envsamp__facing_cuts(const envsamp_kd_job *job)
         sum->cut[1] = high->cut[1];
         sum->cut[3] = high->cut[3];
         sum->area += high->area;
-        for (k = 0; k < 3; k++) {
+        for (int k = 0; k < 3; k++) {
             sum->first[k] += high->first[k];
             sum->second[k] += high->second[k];
             sum->second[3 + k] += high->second[3 + k];
@@ -4384,18 +4335,18 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
 {
     const envsamp__facing_sum *sum = envsamp__facing_of(job, link);
     const float *v = sum->first, share = ENVSAMP__FACING_VARIANCE, rest = 1.0f - share;
-    float area = sum->area, bright = area * area, spread;
-    int side = number % 2, i = number / 2, k;
+    float area = sum->area, bright = area * area;
+    int side = number % 2, i = number / 2;
     uint32_t *child = &node->child[side][i];
 
-    for (k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) {
         node->moment[k][side][i] = v[k];
         node->moment[3 + k][side][i] = 1.002f * (share * area * sum->second[k] + rest * v[k] * v[k])
                            + ENVSAMP__FACING_FLOOR * bright;
         node->moment[6 + k][side][i] = 2.004f * (share * area * sum->second[3 + k]
                                            + rest * v[k == 2] * v[k == 0 ? 1 : 2]);
     }
-    spread = bright - (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    float spread = bright - (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
     if (envsamp__facing_cut(job, link) && spread > 0.0f) {
         const envsamp_kd *kd = (const envsamp_kd *)job->base.table;
 
@@ -4412,13 +4363,12 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
 static void envsamp__facing_fill(envsamp_kd_job *job, envsamp__facing_node *node, uint32_t link)
 {
     uint32_t part[15];
-    int at, exists;
 
     part[0] = link;
-    for (at = 0; at < 15; at++) {
+    for (int at = 0; at < 15; at++) {
         const envsamp__cut *cut = envsamp__facing_cut(job, part[at]);
 
-        exists = part[at] != ENVSAMP__NO_PART;
+        int exists = part[at] != ENVSAMP__NO_PART;
         if (at >= 7) {
             if (exists)
                 envsamp__facing_part(job, node, at - 7, part[at]);
@@ -4473,14 +4423,13 @@ static envsamp__part envsamp__find_tile(const envsamp__tree *tree, const envsamp
 {
     envsamp__part p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 0, NULL, 0 };
     uint32_t at[2], bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
-    int level;
 
     at[0] = i & ((1u << kd->tile_bits_x) - 1);
     at[1] = i >> kd->tile_bits_x;
     p.link = envsamp__root(tree);
     if (kd->mapping == ENVSAMP_LATLONG)
         p.edge[3] = -0.0f;
-    for (level = 0; level < tree->tile_bits; level++) {
+    for (int level = 0; level < tree->tile_bits; level++) {
         const envsamp__cut *cut = &tree->cuts[p.link];
         uint32_t high = at[cut->axis] >> --bits[cut->axis] & 1;
 
@@ -4537,26 +4486,24 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
     const envsamp__tree *tree = &job->tree;
     envsamp__fit fit = { job->desc.model, job->desc.objective, 0, job->target, job->weight,
                          job->lm_scratch };
-    envsamp__fit_point best;
-    double *key = job->probability, total = 0.0, gamma, low, error;
-    int i;
+    double *key = job->probability, total = 0.0, error;
 
-    for (i = 0; i < tree->block_count; i++) {
+    for (int i = 0; i < tree->block_count; i++) {
         total += key[i];
         fit.count += key[i] > 0.0;
     }
     envsamp__sort_descending(key, job->order, tree->block_count);
-    for (i = 0; i < tree->block_count; i++)
+    for (int i = 0; i < tree->block_count; i++)
         job->target[i] = key[job->order[i]] / total;
-    best = envsamp__fit_solve(&fit);
-    gamma = fit.model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(best.param[1]);
+    envsamp__fit_point best = envsamp__fit_solve(&fit);
+    double gamma = fit.model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(best.param[1]);
     kd->alpha = envsamp__exp2(best.param[0]);
     kd->beta = fit.model == ENVSAMP_KD_LOG ? 1.0 : best.param[1];
     kd->drawn_count = (uint32_t)fit.count;
     kd->fit_total = envsamp__model_mass(gamma, (double)fit.count / kd->alpha);
     kd->l1 = 0.0;
-    low = envsamp__model_g(gamma, 0.0);
-    for (i = 0; i < tree->block_count; i++) {
+    double low = envsamp__model_g(gamma, 0.0);
+    for (int i = 0; i < tree->block_count; i++) {
         double high = i < fit.count ? envsamp__model_g(gamma, (double)(i + 1) / kd->alpha) : low;
 
         key[job->order[i]] = (high - low) / kd->fit_total;
@@ -4631,7 +4578,7 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
     const envsamp_kd_desc *desc = &job->desc;
     envsamp__tree *tree = &job->tree;
     double *q = job->probability;
-    int fit_l1 = desc->select == ENVSAMP_KD_FIT && desc->objective != ENVSAMP_KD_CHI2, i;
+    int fit_l1 = desc->select == ENVSAMP_KD_FIT && desc->objective != ENVSAMP_KD_CHI2;
 
     kd->version = ENVSAMP__KD_VERSION;
     kd->select = desc->select;
@@ -4642,7 +4589,7 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
     kd->height = (uint32_t)source->image.height;
     kd->bilinear = !desc->nearest;
     kd->block_count = kd->drawn_count = (uint32_t)tree->block_count;
-    for (i = 0; i < tree->block_count; i++) {
+    for (int i = 0; i < tree->block_count; i++) {
         envsamp__block *b = &tree->blocks[i];
 
         b->weight = fit_l1 ? b->whole.sum : envsamp__whole_q(b);
@@ -4650,14 +4597,14 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
             b->weight = DBL_MIN;        /* zero would leave its light unsampled */
     }
     if (kd->select == ENVSAMP_KD_WARP) {
-        for (i = tree->block_count - 2; i >= 0; i--)    /* children come after their parents */
+        for (int i = tree->block_count - 2; i >= 0; i--)    /* children come after their parents */
             q[i] = envsamp__link_q(tree, q, tree->cuts[i].child[0])
                  + envsamp__link_q(tree, q, tree->cuts[i].child[1]);
         kd->tile_bits_x = (uint32_t)envsamp__crown_columns(tree, tree->tile_bits);
         kd->tile_bits_y = (uint32_t)tree->tile_bits - kd->tile_bits_x;
         return;
     }
-    for (i = 0; i < tree->block_count; i++) {
+    for (int i = 0; i < tree->block_count; i++) {
         job->order[i] = (uint32_t)i;
         q[i] = tree->blocks[i].weight;
     }
@@ -4668,7 +4615,7 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
     }
 #endif
     envsamp__round_draws(q, tree->block_count, job->draws);
-    for (i = 0; i < tree->block_count; i++)
+    for (int i = 0; i < tree->block_count; i++)
         q[i] = (double)job->draws[i] / (double)ENVSAMP__UNIT;
 }
 
@@ -4739,7 +4686,6 @@ static int envsamp__kd_work(void *work, int item)
     envsamp__tree *tree = &job->tree;
     double target = (double)job->desc.excess_target;
     envsamp__level *level;
-    int x;
 
     switch (base->phase) {
     case ENVSAMP__ROWS:
@@ -4760,7 +4706,7 @@ static int envsamp__kd_work(void *work, int item)
             return 0;
         }
         level = &map->levels[job->level];
-        for (x = 0; x < level->width && envsamp__is_stale(map, job->level, item); x++)
+        for (int x = 0; x < level->width && envsamp__is_stale(map, job->level, item); x++)
             envsamp__merge_cells(map, job->level, x, item);
         if (item + 1 == level->height) {
             job->level++;
@@ -4824,21 +4770,19 @@ ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, 
     envsamp__arena arena = { (char *)scratch.data, 0 };
     envsamp_kd_job *begun = (envsamp_kd_job *)scratch.data;
     envsamp_sizes sizes;
-    envsamp_result result;
-    int is_partial;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
     *job = NULL;
-    result = envsamp_kd_sizes(image, &filled, &sizes);
+    envsamp_result result = envsamp_kd_sizes(image, &filled, &sizes);
     if (result == ENVSAMP_OK)
         result = envsamp__job_check(image, fn, &sizes, table, scratch);
     if (result == ENVSAMP_OK && (first_row < 0 || row_count < 0))
         result = ENVSAMP_ERR_PARAM;
     if (result != ENVSAMP_OK)
         return result;
-    is_partial = !envsamp__is_surveyed(image, &filled)
-              && (first_row > 0 || row_count < image->height);
+    int is_partial = !envsamp__is_surveyed(image, &filled)
+                  && (first_row > 0 || row_count < image->height);
     if (is_partial && !envsamp__has_cells(begun, image, filled.nearest))
         return ENVSAMP_ERR_FORMAT;
     envsamp__kd_carve(begun, image, &filled, &arena);
@@ -4962,15 +4906,13 @@ static int envsamp__kd_header_valid(const envsamp_kd *kd)
 /* A model whose numbers agree: then every u0 inverts to a block. */
 static int envsamp__kd_fit_valid(const envsamp_kd *kd)
 {
-    double total;
-
     if (envsamp__exponent(&kd->alpha, 1) == 0x7ff || envsamp__exponent(&kd->beta, 1) == 0x7ff
         || envsamp__exponent(&kd->fit_total, 1) == 0x7ff
         || !(kd->alpha > 1e-9 && kd->alpha < 1025.0 * (double)kd->drawn_count
           && kd->beta >= ENVSAMP__BETA_MIN && kd->beta <= ENVSAMP__BETA_MAX
           && (kd->model == ENVSAMP_KD_POWER || kd->beta == 1.0)))
         return 0;
-    total = envsamp__model_mass(envsamp__model_gamma(kd->beta), kd->drawn_count / kd->alpha);
+    double total = envsamp__model_mass(envsamp__model_gamma(kd->beta), kd->drawn_count / kd->alpha);
     return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);
 }
 
@@ -4990,14 +4932,14 @@ static int envsamp__kd_records_valid(const envsamp_kd *kd)
     const envsamp__record *record = ENVSAMP__RECORDS(kd);
     const uint32_t *bins = ENVSAMP__ARRAY(uint32_t, kd, alias);
     uint32_t cuts = envsamp__cut_link(kd, 0) & ~ENVSAMP__INNER, room = 1u << kd->alias_shift;
-    uint32_t bits = 24 - kd->alias_shift, count = envsamp__record_count(kd), i;
+    uint32_t bits = 24 - kd->alias_shift, count = envsamp__record_count(kd);
 
-    for (i = 0; i < count; i++, record++) {
+    for (uint32_t i = 0; i < count; i++, record++) {
         if (!envsamp__edges_valid(kd->mapping, record->edge)
             || !envsamp__link_valid(record->link, cuts, kd->alias_at / 4, 4))
             return 0;
     }
-    for (i = 0; i < 1u << bits && kd->select == ENVSAMP_KD_ALIAS; i++) {
+    for (uint32_t i = 0; i < 1u << bits && kd->select == ENVSAMP_KD_ALIAS; i++) {
         uint32_t own = bins[i] >> bits, alias = bins[i] & ((1u << bits) - 1);
 
         if (own > room || alias >= kd->block_count || (own > 0 && i >= kd->block_count))
@@ -5031,13 +4973,13 @@ static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
 {
     const envsamp__pdf_node *nodes = ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes);
     const uint32_t *grid = ENVSAMP__ARRAY(uint32_t, kd, grid);
-    uint32_t first = kd->nodes_at / 4, end = kd->grid_at / 4, i, k;
+    uint32_t first = kd->nodes_at / 4, end = kd->grid_at / 4;
 
-    for (i = 0; i < kd->node_count; i++)
-        for (k = 0; k < 4; k++)
+    for (uint32_t i = 0; i < kd->node_count; i++)
+        for (uint32_t k = 0; k < 4; k++)
             if (!envsamp__link_valid(nodes[i].child[k], first + 7 * (i + 1), end, 7))
                 return 0;
-    for (i = 0; i < 1u << (kd->grid_bits_x + kd->grid_bits_y); i++)
+    for (uint32_t i = 0; i < 1u << (kd->grid_bits_x + kd->grid_bits_y); i++)
         if (!envsamp__link_valid(grid[i], first, end, 7))
             return 0;
     return 1;
@@ -5048,17 +4990,17 @@ static int envsamp__kd_facing_valid(const envsamp_kd *kd)
 {
     const envsamp__facing_node *node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
     const uint32_t size = sizeof *node / 4;
-    uint32_t at = kd->facing_at / 4, end = at + size * kd->facing_count, i;
+    uint32_t at = kd->facing_at / 4, end = at + size * kd->facing_count;
 
     for (; at < end; at += size, node++) {
-        for (i = 0; i < 7; i++)
+        for (uint32_t i = 0; i < 7; i++)
             if (!envsamp__in_range(node->cut[i], -1.0f, 1.0f)
                 || !envsamp__in_range(node->edge[i], -2.0f, 4.0f))
                 return 0;
-        for (i = 0; i < 8; i++)
+        for (uint32_t i = 0; i < 8; i++)
             if (!envsamp__link_valid(node->child[i / 4][i % 4], at + size, end, size))
                 return 0;
-        for (i = 0; i < 72; i++)
+        for (uint32_t i = 0; i < 72; i++)
             if (!envsamp__in_range(node->moment[i / 8][i % 8 / 4][i % 4], -4.0f, 4.0f))
                 return 0;
     }
@@ -5068,13 +5010,12 @@ static int envsamp__kd_facing_valid(const envsamp_kd *kd)
 ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, const envsamp_kd **kd)
 {
     const envsamp_kd *header = (const envsamp_kd *)table;
-    envsamp_result result;
 
     if (!kd)
         return ENVSAMP_ERR_NULL;
     *kd = NULL;
-    result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__KD_MAGIC,
-                                  ENVSAMP__KD_VERSION);
+    envsamp_result result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__KD_MAGIC,
+                                                 ENVSAMP__KD_VERSION);
     if (result != ENVSAMP_OK)
         return result;
     if (!envsamp__kd_header_valid(header)
@@ -5144,15 +5085,14 @@ ENVSAMP__HOT float envsamp__fit_position(const envsamp_kd *kd, float f, float a)
    bits continues u0: half a turn on, so that it is 1/2, not 0, for points of a coarse lattice. */
 ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0, float u1)
 {
-    float low = u1 * 4096.0f + 0.5f, x;
+    float low = u1 * 4096.0f + 0.5f;
     envsamp__choice choice;
-    double g;
 
     low -= (float)(int)low;
-    g = ((double)u0 + (double)(low / ENVSAMP__UNIT)) * kd->fit_total;
+    double g = ((double)u0 + (double)(low / ENVSAMP__UNIT)) * kd->fit_total;
     if (kd->model == ENVSAMP_KD_POWER)
         g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta), g);
-    x = kd->fit_alpha * envsamp__exp2m1(g);
+    float x = kd->fit_alpha * envsamp__exp2m1(g);
     x = envsamp__at_most(x > 0.0f ? x : 0.0f, kd->fit_end);
     choice.block = (int)x;
     choice.fx = envsamp__fit_position(kd, x - (float)choice.block,
@@ -5211,7 +5151,6 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd
 {
     float f[2], cut[4], edge[4], pdf;
     envsamp__point p;
-    uint32_t link;
 
     ENVSAMP_ASSERT(kd);
     f[0] = envsamp__clamp_unit(u0);
@@ -5219,7 +5158,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample(const envsamp_kd *kd
     if (kd->select != ENVSAMP_KD_WARP) {
         p = envsamp__indexed_sample(kd, kd->select == ENVSAMP_KD_ALIAS, f[0], f[1], &pdf);
     } else {
-        link = envsamp__warp_start(kd, f, cut, edge, 1);
+        uint32_t link = envsamp__warp_start(kd, f, cut, edge, 1);
         while (link & ENVSAMP__INNER)
             link = envsamp__warp_step(kd, link, f, cut, edge, 1);
         pdf = envsamp__bits_float(link);
@@ -5273,10 +5212,9 @@ ENVSAMP__HOT float envsamp__density(const envsamp_kd *kd, const float dir[3], ui
     float r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
     uint32_t link = envsamp__grid_link(kd, envsamp__dir_to_grid(kd->mapping, dir[0], dir[1],
                                                                 dir[2], r), place);
-    int i;
 
     do {
-        for (i = 0; i < ENVSAMP__STRIDES; i++)
+        for (int i = 0; i < ENVSAMP__STRIDES; i++)
             link ^= (link ^ envsamp__node_step(kd, link, *place)) & (0u - (link >> 31));
     } while (link & ENVSAMP__INNER);
     return envsamp__bits_float(link);
@@ -5309,9 +5247,9 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
 ENVSAMP__HOT int envsamp__facing_normal(const envsamp_kd *kd, const float normal[3], float n[9])
 {
     float most = 0.0f;
-    int valid = kd->facing_count > 0, i;
+    int valid = kd->facing_count > 0;
 
-    for (i = 0; i < 3; i++) {
+    for (int i = 0; i < 3; i++) {
         float size = envsamp__bits_float(envsamp__float_bits(normal[i]) & 0x7fffffffu);
 
         valid &= envsamp__float_bits(size) < 0x7f800000u;
@@ -5319,7 +5257,7 @@ ENVSAMP__HOT int envsamp__facing_normal(const envsamp_kd *kd, const float normal
     }
     if (!valid || !(most >= FLT_MIN))
         return 0;
-    for (i = 0; i < 3; i++) {
+    for (int i = 0; i < 3; i++) {
         n[i] = normal[i] / most;
         n[3 + i] = n[i] * n[i];
     }
@@ -5339,23 +5277,22 @@ ENVSAMP__HOT void envsamp__facing_weigh(const envsamp__facing_node *node, const 
                                         envsamp__weights *w)
 {
     const float (*m)[2][4] = node->moment;
-    int i, k;
 
-    for (k = 0; k < 2; k++) {
+    for (int k = 0; k < 2; k++) {
         float mean[4], square[4];
 
-        for (i = 0; i < 4; i++) {
+        for (int i = 0; i < 4; i++) {
             mean[i] = m[0][k][i] * n[0] + m[1][k][i] * n[1] + m[2][k][i] * n[2];
             square[i] = (m[3][k][i] * n[3] + m[4][k][i] * n[4] + m[5][k][i] * n[5])
                       + (m[6][k][i] * n[6] + m[7][k][i] * n[7] + m[8][k][i] * n[8]);
         }
         envsamp__sqrt_n(square, 4);
-        for (i = 0; i < 4; i++)
+        for (int i = 0; i < 4; i++)
             w->part[k][i] = mean[i] + square[i] > ENVSAMP__LEAST_WEIGHT ? mean[i] + square[i]
                                                                         : 0.0f;
     }
     w->part[1][3] += ENVSAMP__LEAST_WEIGHT;     /* the last: no number reaches it by that */
-    for (i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++)
         w->pair[i] = w->part[0][i] + w->part[1][i];
 }
 
@@ -5391,12 +5328,12 @@ ENVSAMP__HOT const envsamp__weights *envsamp__facing_weights(const envsamp_kd *k
 ENVSAMP__HOT uint32_t envsamp__facing_side(float cut, float low, float high, float f[2],
                                            float bound[4])
 {
-    uint32_t axis = envsamp__float_bits(cut) >> 31, side;
+    uint32_t axis = envsamp__float_bits(cut) >> 31;
     float start[2] = { 0.0f, 0.0f }, size[2], place = f[axis] * (low + high);
 
     start[1] = size[0] = low;
     size[1] = high;
-    side = place >= low;
+    uint32_t side = place >= low;
     f[axis] = envsamp__clamp_unit((place - start[side]) / size[side]);
     bound[2 * axis + 1 - side] = ENVSAMP_FABSF(cut);
     return side;
@@ -5422,12 +5359,12 @@ ENVSAMP__HOT void envsamp__facing_step(const envsamp_kd *kd, const float n[9],
     envsamp__weights own;
     const envsamp__weights *w = envsamp__facing_weights(kd, node, n, cache, &own);
     float low = w->pair[0] + w->pair[1], high = w->pair[2] + w->pair[3];
-    uint32_t at = envsamp__facing_side(node->cut[0], low, high, walk->f, walk->bound), side;
+    uint32_t at = envsamp__facing_side(node->cut[0], low, high, walk->f, walk->bound);
 
     at = 2 * at + envsamp__facing_side(node->cut[1 + at], w->pair[2 * at], w->pair[2 * at + 1],
                                        walk->f, walk->bound);
-    side = envsamp__facing_side(node->cut[3 + at], w->part[0][at], w->part[1][at], walk->f,
-                                walk->bound);
+    uint32_t side = envsamp__facing_side(node->cut[3 + at], w->part[0][at], w->part[1][at], walk->f,
+                                         walk->bound);
     walk->ratio *= w->part[side][at] / (low + high);
     walk->link = node->child[side][at];
 }
@@ -5436,9 +5373,8 @@ ENVSAMP__HOT void envsamp__facing_step(const envsamp_kd *kd, const float n[9],
 ENVSAMP__HOT float envsamp__facing_end(const envsamp__facing_walk *walk, float *u0, float *u1)
 {
     float f[2];
-    int axis;
 
-    for (axis = 0; axis < 2; axis++) {
+    for (int axis = 0; axis < 2; axis++) {
         float low = walk->bound[2 * axis], high = walk->bound[2 * axis + 1];
 
         f[axis] = envsamp__at_most(low + walk->f[axis] * (high - low),
@@ -5469,15 +5405,14 @@ ENVSAMP__HOT float envsamp__facing_density(const envsamp_kd *kd, const float n[9
 {
     const envsamp__facing_node *node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
     float ratio = 1.0f;
-    const envsamp__weights *w;
     envsamp__weights own;
-    uint32_t link, at, side;
+    uint32_t link;
 
     do {
-        w = envsamp__facing_weights(kd, node, n, cache, &own);
-        at = envsamp__is_high(node->edge[0], place);
+        const envsamp__weights *w = envsamp__facing_weights(kd, node, n, cache, &own);
+        uint32_t at = envsamp__is_high(node->edge[0], place);
         at = 2 * at + envsamp__is_high(node->edge[1 + at], place);
-        side = envsamp__is_high(node->edge[3 + at], place);
+        uint32_t side = envsamp__is_high(node->edge[3 + at], place);
         ratio *= w->part[side][at] / ((w->pair[0] + w->pair[1]) + (w->pair[2] + w->pair[3]));
         link = node->child[side][at];
         node = ENVSAMP__LINKED(envsamp__facing_node, kd, link);
@@ -5490,14 +5425,13 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_kd_sample_facing(const envsamp
                                                                    float u0, float u1)
 {
     float n[9], f[2], ratio = 1.0f;
-    envsamp_sample s;
 
     ENVSAMP_ASSERT(kd && normal);
     f[0] = envsamp__clamp_unit(u0);
     f[1] = envsamp__clamp_unit(u1);
     if (envsamp__facing_normal(kd, normal, n))
         ratio = envsamp__facing_warp(kd, n, f);
-    s = envsamp_kd_sample(kd, f[0], f[1]);
+    envsamp_sample s = envsamp_kd_sample(kd, f[0], f[1]);
     s.pdf = envsamp__at_most(s.pdf * ratio, FLT_MAX);
     return s;
 }
@@ -5507,10 +5441,10 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf_facing(const envsamp_kd *kd,
                                                        const float dir[3])
 {
     uint64_t place;
-    float n[9], pdf;
+    float n[9];
 
     ENVSAMP_ASSERT(kd && normal && dir);
-    pdf = envsamp__density(kd, dir, &place);
+    float pdf = envsamp__density(kd, dir, &place);
     if (!(pdf > 0.0f) || !envsamp__facing_normal(kd, normal, n))
         return pdf;
     return envsamp__facing_density(kd, n, NULL, place, pdf);
@@ -5535,14 +5469,14 @@ ENVSAMP__HOT void envsamp__batch_put(envsamp__batch *batch, int i, envsamp__poin
 ENVSAMP__HOT void envsamp__batch_walk(const envsamp_kd *kd, uint32_t *link, const uint64_t *place,
                                       const float *f, float *cut, float *edge)
 {
-    uint32_t list[ENVSAMP__BATCH], count = 0, left, i, k;
+    uint32_t list[ENVSAMP__BATCH], count = 0, left, i;
 
     for (i = 0; i < ENVSAMP__BATCH; i++) {
         list[count] = i;
         count += link[i] >> 31;
     }
     for (; count > 0; count = left)
-        for (k = left = 0; k < count; k++) {
+        for (uint32_t k = left = 0; k < count; k++) {
             i = list[k];
             link[i] = place ? envsamp__node_step(kd, link[i], place[i])
                     : envsamp__warp_step(kd, link[i], f + i, cut + i, edge + i, ENVSAMP__BATCH);
@@ -5554,9 +5488,7 @@ ENVSAMP__HOT void envsamp__batch_walk(const envsamp_kd *kd, uint32_t *link, cons
 ENVSAMP__HOT void envsamp__indexed_batch(const envsamp_kd *kd, int alias, const float *u,
                                          envsamp__batch *out)
 {
-    int i;
-
-    for (i = 0; i < ENVSAMP__BATCH; i++) {
+    for (int i = 0; i < ENVSAMP__BATCH; i++) {
         float pdf;
         envsamp__point p = envsamp__indexed_sample(kd, alias, u[i], u[ENVSAMP__BATCH + i], &pdf);
 
@@ -5569,12 +5501,11 @@ ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, envsamp__b
 {
     float *cut = out->at, edge[4 * ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
-    int i;
 
-    for (i = 0; i < ENVSAMP__BATCH; i++)
+    for (int i = 0; i < ENVSAMP__BATCH; i++)
         link[i] = envsamp__warp_start(kd, f + i, cut + i, edge + i, ENVSAMP__BATCH);
     envsamp__batch_walk(kd, link, NULL, f, cut, edge);
-    for (i = 0; i < ENVSAMP__BATCH; i++)
+    for (int i = 0; i < ENVSAMP__BATCH; i++)
         envsamp__batch_put(out, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
                            envsamp__bits_float(link[i]));
 }
@@ -5584,17 +5515,17 @@ static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *f
                                   float *u0, float *u1, float *ratio)
 {
     envsamp__facing_walk walk[ENVSAMP__BATCH];
-    uint32_t link = ENVSAMP__INNER, i;
+    uint32_t link = ENVSAMP__INNER;
 
-    for (i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++)
         walk[i] = envsamp__facing_start(kd, u0[i], u1[i]);
     while (link & ENVSAMP__INNER)
-        for (i = link = 0; i < n; i++)
+        for (uint32_t i = link = 0; i < n; i++)
             if (walk[i].link & ENVSAMP__INNER) {
                 envsamp__facing_step(kd, facing->n, facing, &walk[i]);
                 link |= walk[i].link;
             }
-    for (i = 0; i < n; i++)
+    for (uint32_t i = 0; i < n; i++)
         ratio[i] = envsamp__facing_end(&walk[i], &u0[i], &u1[i]);
 }
 
@@ -5606,14 +5537,13 @@ static void envsamp__sample_batch(const envsamp_kd *kd, envsamp__facing_cache *f
     float u[3 * ENVSAMP__BATCH], *y = u + ENVSAMP__BATCH, *z = y + ENVSAMP__BATCH;
     float ratio[ENVSAMP__BATCH];
     envsamp__batch batch;
-    int i;
 
     if (n < ENVSAMP__BATCH) {
         ENVSAMP_MEMSET(&batch, 0, sizeof batch);
         u0 = (const float *)ENVSAMP_MEMCPY(batch.at, u0, n * sizeof *u);
         u1 = (const float *)ENVSAMP_MEMCPY(batch.at + ENVSAMP__BATCH, u1, n * sizeof *u);
     }
-    for (i = 0; i < ENVSAMP__BATCH; i++) {
+    for (int i = 0; i < ENVSAMP__BATCH; i++) {
         u[i] = envsamp__clamp_unit(u0[i]);
         y[i] = envsamp__clamp_unit(u1[i]);
     }
@@ -5625,11 +5555,11 @@ static void envsamp__sample_batch(const envsamp_kd *kd, envsamp__facing_cache *f
         envsamp__indexed_batch(kd, 1, u, &batch);
     else
         envsamp__indexed_batch(kd, 0, u, &batch);
-    for (i = 0; i < (int)n && facing; i++)
+    for (int i = 0; i < (int)n && facing; i++)
         batch.at[3 * ENVSAMP__BATCH + i] = envsamp__at_most(batch.at[3 * ENVSAMP__BATCH + i]
                                                             * ratio[i], FLT_MAX);
     envsamp__point_dirs(kd->mapping, ENVSAMP__BATCH, batch.at, u, y, z);
-    for (i = 0; i < 4; i++)
+    for (int i = 0; i < 4; i++)
         ENVSAMP_MEMCPY(out[i], i < 3 ? u + i * ENVSAMP__BATCH : batch.at + 3 * ENVSAMP__BATCH,
                        n * sizeof *u);
 }
@@ -5639,12 +5569,11 @@ ENVSAMP_DEF void envsamp_kd_sample_facing_n(const envsamp_kd *kd, const float no
                                             float *z, float *pdf)
 {
     envsamp__facing_cache cache, *facing;
-    size_t i;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
     facing = normal && envsamp__facing_normal(kd, normal, cache.n) ? &cache : NULL;
     cache.known = 0;
-    for (i = 0; i < n; i += ENVSAMP__BATCH) {
+    for (size_t i = 0; i < n; i += ENVSAMP__BATCH) {
         float *const out[4] = { x + i, y + i, z + i, pdf + i };
 
         envsamp__sample_batch(kd, facing, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, u0 + i,
@@ -5664,7 +5593,6 @@ static void envsamp__pdf_batch(const envsamp_kd *kd, envsamp__facing_cache *faci
     float end = envsamp__polar_end(kd->mapping), r[ENVSAMP__BATCH], in[3][ENVSAMP__BATCH];
     uint64_t place[ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
-    int i;
 
     if (n < ENVSAMP__BATCH) {
         ENVSAMP_MEMSET(in, 0, sizeof in);
@@ -5672,20 +5600,20 @@ static void envsamp__pdf_batch(const envsamp_kd *kd, envsamp__facing_cache *faci
         y = (const float *)ENVSAMP_MEMCPY(in[1], y, n * sizeof *y);
         z = (const float *)ENVSAMP_MEMCPY(in[2], z, n * sizeof *z);
     }
-    for (i = 0; i < ENVSAMP__BATCH; i++)
+    for (int i = 0; i < ENVSAMP__BATCH; i++)
         r[i] = x[i] * x[i] + y[i] * y[i];
     envsamp__sqrt_n(r, ENVSAMP__BATCH);
-    for (i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++)
+    for (int i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++)
         link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, x[i], y[i], z[i],
                                                               r[i]), &place[i]);
-    for (i = 0; i < ENVSAMP__BATCH && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
+    for (int i = 0; i < ENVSAMP__BATCH && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
         envsamp__l1_coords d = envsamp__to_l1_coords(x[i], y[i], z[i], r[i]);
 
         d.valid &= d.polar <= end;
         link[i] = envsamp__grid_link(kd, d, &place[i]);
     }
     envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
-    for (i = 0; i < (int)n && facing; i++)
+    for (int i = 0; i < (int)n && facing; i++)
         if (link[i])
             link[i] = envsamp__float_bits(envsamp__facing_density(
                 kd, facing->n, facing, place[i], envsamp__bits_float(link[i])));
@@ -5697,12 +5625,11 @@ ENVSAMP_DEF void envsamp_kd_pdf_facing_n(const envsamp_kd *kd, const float norma
                                          float *pdf)
 {
     envsamp__facing_cache cache, *facing;
-    size_t i;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
     facing = normal && envsamp__facing_normal(kd, normal, cache.n) ? &cache : NULL;
     cache.known = 0;
-    for (i = 0; i < n; i += ENVSAMP__BATCH)
+    for (size_t i = 0; i < n; i += ENVSAMP__BATCH)
         envsamp__pdf_batch(kd, facing, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, x + i,
                            y + i, z + i, pdf + i);
 }
@@ -5735,14 +5662,11 @@ typedef struct envsamp__descent { uint32_t link, cut; } envsamp__descent;
 ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, envsamp__descent *d,
                                         int *axis)
 {
-    const envsamp__pdf_node *node;
-    uint32_t high;
-
     *axis = 0;
     if (!(d->link & ENVSAMP__INNER))        /* of a damaged table */
         return 0;
-    node = ENVSAMP__LINKED(envsamp__pdf_node, kd, d->link);
-    high = envsamp__is_high(node->cut[d->cut], place);
+    const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, d->link);
+    uint32_t high = envsamp__is_high(node->cut[d->cut], place);
     *axis = envsamp__sign(node->cut[d->cut]);
     d->cut = 2 * d->cut + 1 + high;
     if (d->cut > 2) {
@@ -5756,24 +5680,22 @@ ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, en
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
                                                  float u[2])
 {
-    uint32_t tile[2] = { 0, 0 }, level, link;
+    uint32_t tile[2] = { 0, 0 }, link;
     envsamp__descent down;
     float cut[4], edge[4];
-    envsamp__l1_coords d;
-    envsamp__exact e;
     uint64_t place;
     int axis;
 
     ENVSAMP_ASSERT(kd && dir && u);
     u[0] = u[1] = 0.0f;
-    d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1] + 0.0f, dir[2],
-                             ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
+    envsamp__l1_coords d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1] + 0.0f, dir[2],
+                                                ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (kd->select != ENVSAMP_KD_WARP || !d.valid)
         return 0;
     envsamp__grid_link(kd, d, &place);
     down.link = ENVSAMP__INNER | kd->nodes_at / 4;
     down.cut = envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]) ? 0 : 2;
-    for (level = kd->tile_bits_x + kd->tile_bits_y; level > 0; level--) {
+    for (uint32_t level = kd->tile_bits_x + kd->tile_bits_y; level > 0; level--) {
         uint32_t high = envsamp__descend(kd, place, &down, &axis);
 
         tile[axis] = 2 * tile[axis] + high;
@@ -5786,7 +5708,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
                                   envsamp__descend(kd, place, &down, &axis), cut, edge, 1);
     if (!link || !envsamp__edges_valid(kd->mapping, edge))     /* not so in a damaged table */
         return 0;
-    e = envsamp__dir_exact(kd->mapping, dir);
+    envsamp__exact e = envsamp__dir_exact(kd->mapping, dir);
     u[0] = envsamp__invert_between(tile[0], kd->tile_bits_x, cut, (e.x - (double)edge[0])
                                                        / ((double)edge[1] - (double)edge[0]));
     u[1] = envsamp__invert_between(tile[1], kd->tile_bits_y, cut + 2,
@@ -5799,13 +5721,12 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
                                                         const float normal[3],
                                                         const float dir[3], float u[2])
 {
-    const envsamp__facing_node *node;
     float n[9], bound[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, sum[15], to[3];
     double start[2] = { 0.0, 0.0 }, size[2] = { 1.0, 1.0 };
     envsamp__weights w;
     uint32_t link, high, at;
     uint64_t place;
-    int axis, i;
+    int axis;
 
     ENVSAMP_ASSERT(kd && normal && dir && u);
     if (!envsamp_kd_invert(kd, dir, u))
@@ -5816,10 +5737,10 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
     to[1] = dir[1] + 0.0f;              /* as kd_invert: at the seam -0 is 0 */
     to[2] = dir[2];
     envsamp__density(kd, to, &place);
-    node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
+    const envsamp__facing_node *node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
     do {
         envsamp__facing_weigh(node, n, &w);
-        for (i = 14; i >= 0; i--)
+        for (int i = 14; i >= 0; i--)
             sum[i] = i < 7 ? sum[2 * i + 1] + sum[2 * i + 2] : w.part[(i - 7) % 2][(i - 7) / 2];
         for (at = 0; at < 7; at = 2 * at + 1 + high) {
             double whole = envsamp__max((double)sum[at], (double)ENVSAMP__LEAST_WEIGHT);
@@ -5873,7 +5794,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_
    is the first on the higher side of a cut. */
 static void envsamp__warp_block(const envsamp_kd *kd, uint32_t number, float *cut, float *edge)
 {
-    uint32_t tile = 0, past = envsamp__tile_count(kd), target = 0, link, next;
+    uint32_t tile = 0, past = envsamp__tile_count(kd), target = 0, next;
 
     if (number < past) {
         tile = number;
@@ -5891,7 +5812,7 @@ static void envsamp__warp_block(const envsamp_kd *kd, uint32_t number, float *cu
                 past = middle;
         }
     }
-    link = envsamp__enter_tile(kd, (int)tile, cut, edge, 1);
+    uint32_t link = envsamp__enter_tile(kd, (int)tile, cut, edge, 1);
     while (link & ENVSAMP__INNER) {
         const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, link);
         int high = link == target || (link < target && node->child[1] & ENVSAMP__INNER
@@ -5905,7 +5826,6 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
                                                 envsamp_kd_block *block)
 {
     float cut[4], edge[4], pdf = 0.0f;
-    double sr;
 
     if (!kd || !block)
         return ENVSAMP_ERR_NULL;
@@ -5915,7 +5835,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
         envsamp__warp_block(kd, (uint32_t)number, cut, edge);
     else
         pdf = envsamp__bits_float(envsamp__enter_tile(kd, number, cut, edge, 1));
-    sr = envsamp__edges_sr(kd->mapping, edge);
+    double sr = envsamp__edges_sr(kd->mapping, edge);
     block->uv_min[0] = edge[0];
     block->uv_min[1] = envsamp__edge_v(kd->mapping, edge[2]);
     block->uv_max[0] = edge[1];
@@ -6057,30 +5977,30 @@ static void envsamp__cdf_plan(const envsamp_image *image, const envsamp_kd_desc 
 static double envsamp__cdf_share(double *weight, uint32_t count, uint32_t *edges, uint32_t bits,
                                  uint16_t *guide)
 {
-    double total[4] = { 0.0 }, above[4] = { 0.0 }, scale, sum = 0.0;
-    uint32_t shift = 24 - bits, cells = 1u << bits, edge = 0, lit, met = 0, cell, i, k;
+    double total[4] = { 0.0 }, above[4] = { 0.0 }, sum = 0.0;
+    uint32_t shift = 24 - bits, cells = 1u << bits, edge = 0, met = 0;
 
-    for (i = count; i % 4; i++)
+    for (uint32_t i = count; i % 4; i++)
         weight[i] = 0.0;
-    for (i = 0; i < count; i += 4)
-        for (k = 0; k < 4; k++) {
+    for (uint32_t i = 0; i < count; i += 4)
+        for (uint32_t k = 0; k < 4; k++) {
             total[k] += weight[i + k];
             above[k] += weight[i + k] > 0.0 ? 1.0 : 0.0;
         }
     total[0] = (total[0] + total[1]) + (total[2] + total[3]);
-    lit = (uint32_t)((above[0] + above[1]) + (above[2] + above[3]));
-    scale = lit ? (double)(ENVSAMP__PARTS - lit) / total[0] : 0.0;
+    uint32_t lit = (uint32_t)((above[0] + above[1]) + (above[2] + above[3]));
+    double scale = lit ? (double)(ENVSAMP__PARTS - lit) / total[0] : 0.0;
     ENVSAMP_MEMSET(guide, 0, (cells + 1) * sizeof *guide);
-    for (i = 0; i < count; i++) {
+    for (uint32_t i = 0; i < count; i++) {
         edges[i] = edge;
         guide[(edge + (1u << shift) - 1) >> shift] = (uint16_t)i;
         sum += weight[i];
         met += weight[i] > 0.0;
         edge = met == lit ? ENVSAMP__PARTS : met + (uint32_t)(int)(sum * scale);
     }
-    for (i = count; i < count + ENVSAMP__WALK; i++)
+    for (uint32_t i = count; i < count + ENVSAMP__WALK; i++)
         edges[i] = ENVSAMP__PARTS;
-    for (cell = 1; cell <= cells; cell++)
+    for (uint32_t cell = 1; cell <= cells; cell++)
         guide[cell] = guide[cell] < guide[cell - 1] ? guide[cell - 1] : guide[cell];
     return total[0];
 }
@@ -6103,20 +6023,20 @@ static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, const float *lin
 {
     const envsamp__map *map = &job->base.map;
     double at = map->rows[y].at, spread = map->rows[y].spread, weight[8];
-    int width = map->width, next = map->bilinear, x0, x;
+    int width = map->width, next = map->bilinear, x0;
     float peak[8];
 
     for (x0 = 0; x0 < width; x0 += 8) {
         const float *a = line + x0, *c = a + (next ? map->stride : 0);
 
-        for (x = 0; x < 8; x++) {
+        for (int x = 0; x < 8; x++) {
             double a0 = (double)a[x], a1 = (double)a[x + next];
             double r0 = (double)c[x] - a0, r1 = (double)c[x + next] - a1;
             double m0 = a0 + at * r0, m1 = a1 + at * r1, m = m0 + m1, r = r0 + r1;
 
             weight[x] = 1.0 / 3.0 * ((m * m - m0 * m1) + spread * (r * r - r0 * r1));
         }
-        for (x = 0; x < 8; x++) {
+        for (int x = 0; x < 8; x++) {
             float left = a[x] > c[x] ? a[x] : c[x];
             float right = a[x + next] > c[x + next] ? a[x + next] : c[x + next];
 
@@ -6126,11 +6046,11 @@ static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, const float *lin
         ENVSAMP_MEMCPY(job->weight + x0, weight, sizeof weight);
         ENVSAMP_MEMCPY(job->peak + x0, peak, sizeof peak);
     }
-    for (x = width; x < x0; x++) {
+    for (int x = width; x < x0; x++) {
         job->weight[x] = 0.0;
         job->peak[x] = 0.0f;
     }
-    for (x = 0; x < 2 && next; x++) {       /* cells that are half as wide */
+    for (int x = 0; x < 2 && next; x++) {        /* cells that are half as wide */
         job->weight[x * (width - 1)] *= 0.5;
         job->peak[x * (width - 1)] *= 0.5f;
     }
@@ -6140,21 +6060,21 @@ static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, const float *lin
 static void envsamp__cdf_write_row(envsamp_cdf_job *job, int y, const float *line)
 {
     envsamp_cdf *cdf = (envsamp_cdf *)job->base.table;
-    uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY_OUT, cdf, y), x, i;
+    uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY_OUT, cdf, y);
     double square[4] = { 0.0 }, peak[4] = { 0.0 }, inverse[4], sr = job->base.map.rows[y].sr;
 
     envsamp__cdf_weigh_row(job, y, line);
     if (!job->base.is_reread)
         job->row_mass[y] = sr * envsamp__cdf_share(job->weight, cdf->width, edges, cdf->guide_bits,
                                                    ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY_OUT, cdf, y));
-    for (x = 0; x < cdf->width; x += 4) {
+    for (uint32_t x = 0; x < cdf->width; x += 4) {
         const uint32_t *edge = edges + x;
         const double *weight = job->weight + x;
         const float *most = job->peak + x;
 
-        for (i = 0; i < 4; i++)         /* a cell without parts costs nothing */
+        for (uint32_t i = 0; i < 4; i++)        /* a cell without parts costs nothing */
             inverse[i] = 1.0 / (double)(int)(edge[i + 1] - edge[i] + (edge[i + 1] == edge[i]));
-        for (i = 0; i < 4; i++) {
+        for (uint32_t i = 0; i < 4; i++) {
             square[i] += weight[i] * weight[i] * inverse[i];
             peak[i] = envsamp__max(peak[i], (double)most[i] * inverse[i]);
         }
@@ -6173,11 +6093,10 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
     envsamp__cdf_row *rows = ENVSAMP__ARRAY_OUT(envsamp__cdf_row, cdf, rows);
     uint32_t *edges = ENVSAMP__ARRAY_OUT(uint32_t, cdf, row_edges);
     double second = 0.0, peak = 0.0;
-    uint32_t y;
 
     envsamp__cdf_share(job->row_mass, cdf->height, edges, cdf->row_bits,
                        ENVSAMP__ARRAY_OUT(uint16_t, cdf, row_guide));
-    for (y = 0; y <= cdf->height; y++) {
+    for (uint32_t y = 0; y <= cdf->height; y++) {
         rows[y].top = envsamp__edge_pair(envsamp__stored_edge(
             map, envsamp__cell_edge(map, (int)y, 1), 1));
         rows[y].density = 0.0f;
@@ -6276,12 +6195,11 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_begin(const envsamp_image *image, envsamp
     envsamp__arena arena = { (char *)scratch.data, 0 };
     envsamp_cdf *cdf = (envsamp_cdf *)table.data;
     envsamp_sizes sizes;
-    envsamp_result result;
 
     if (!job)
         return ENVSAMP_ERR_NULL;
     *job = NULL;
-    result = envsamp_cdf_sizes(image, desc, &sizes);
+    envsamp_result result = envsamp_cdf_sizes(image, desc, &sizes);
     if (result == ENVSAMP_OK)
         result = envsamp__job_check(image, fn, &sizes, table, scratch);
     if (result != ENVSAMP_OK)
@@ -6351,14 +6269,14 @@ ENVSAMP_DEF void envsamp_cdf_free(envsamp_cdf *cdf) { ENVSAMP_FREE(cdf); }
 static int envsamp__cdf_edges_valid(const uint32_t *edges, uint32_t count, const uint16_t *guide,
                                     uint32_t bits)
 {
-    uint32_t cell, i;
+    uint32_t i;
 
     if (edges[0] != 0 || edges[count] != ENVSAMP__PARTS)
         return 0;
     for (i = 0; i + 1 < count + ENVSAMP__WALK; i++)
         if (edges[i] > edges[i + 1] || edges[i + 1] > ENVSAMP__PARTS)
             return 0;
-    for (cell = i = 0; cell <= 1u << bits; cell++) {
+    for (uint32_t cell = i = 0; cell <= 1u << bits; cell++) {
         while (i + 1 < count && edges[i + 1] <= cell << (24 - bits))
             i++;
         if (guide[cell] != i)
@@ -6396,14 +6314,12 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
 {
     const envsamp_cdf *header = (const envsamp_cdf *)table;
     envsamp_cdf layout;
-    envsamp_result result;
-    uint32_t y;
 
     if (!cdf)
         return ENVSAMP_ERR_NULL;
     *cdf = NULL;
-    result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__CDF_MAGIC,
-                                  ENVSAMP__CDF_VERSION);
+    envsamp_result result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__CDF_MAGIC,
+                                                 ENVSAMP__CDF_VERSION);
     if (result != ENVSAMP_OK)
         return result;
     if (header->bilinear > 1 || !envsamp__in_range(header->mis_compensation, 0.0f, 1.0f)
@@ -6417,7 +6333,7 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                      ENVSAMP__ARRAY(uint16_t, header, row_guide), header->row_bits)
         || !envsamp__cdf_rows_valid(header))
         return ENVSAMP_ERR_FORMAT;
-    for (y = 0; y < header->height; y++)
+    for (uint32_t y = 0; y < header->height; y++)
         if (!envsamp__cdf_edges_valid(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, header, y), header->width,
                                       ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, header, y),
                                       header->guide_bits))
@@ -6453,13 +6369,13 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_get_info(const envsamp_cdf *cdf, envsamp_
 ENVSAMP__HOT uint32_t envsamp__cdf_find(const uint32_t *edges, const uint16_t *guide,
                                         uint32_t bits, uint32_t draw)
 {
-    uint32_t cell = draw >> (24 - bits), low = guide[cell], last, i;
+    uint32_t cell = draw >> (24 - bits), low = guide[cell], i;
     const uint32_t *edge = edges + low;
 
     i = low + (edge[1] <= draw) + (edge[2] <= draw) + (edge[3] <= draw) + (edge[4] <= draw);
     if (edges[i + 1] > draw)
         return i;
-    last = guide[cell + 1];
+    uint32_t last = guide[cell + 1];
     for (low = i + 1; low < last;) {
         uint32_t middle = low + (last - low) / 2;
 
@@ -6524,13 +6440,12 @@ ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, uint32_t 
 ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *cdf, float u0,
                                                              float u1)
 {
-    uint32_t down = envsamp__draw(u1), row;
-    envsamp__point p;
+    uint32_t down = envsamp__draw(u1);
     float pdf;
 
     ENVSAMP_ASSERT(cdf);
-    row = envsamp__cdf_find_row(cdf, down);
-    p = envsamp__cdf_point(cdf, row, down, envsamp__draw(u0), &pdf);
+    uint32_t row = envsamp__cdf_find_row(cdf, down);
+    envsamp__point p = envsamp__cdf_point(cdf, row, down, envsamp__draw(u0), &pdf);
     return envsamp__point_sample(cdf->mapping, p, pdf);
 }
 
@@ -6542,7 +6457,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *
 ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x, float y, float z,
                                                 float r)
 {
-    float high = ENVSAMP_FABSF(z), sum = r + high, u, v, t, s, s2;
+    float high = ENVSAMP_FABSF(z), sum = r + high, u, v;
     envsamp__cdf_place at;
 
     at.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum);
@@ -6553,9 +6468,9 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
         v = 0.5f * d.polar;
     } else {
         u = envsamp__turn(at.valid ? y : 0.0f, at.valid ? x : 0.0f);
-        t = 1.0f - 2.0f * ((at.valid ? high : 1.0f) / (at.valid ? sum : 1.0f));
-        s = t * t;
-        s2 = s * s;
+        float t = 1.0f - 2.0f * ((at.valid ? high : 1.0f) / (at.valid ? sum : 1.0f));
+        float s = t * t;
+        float s2 = s * s;
         t *= ((0.318309882f - s * 0.106102533f) + s2 * (0.0636398678f - s * 0.0452227112f))
            + s2 * s2 * (((0.0339148928f - s * 0.0239804388f)
                          + s2 * (0.0136998603f - s * 0.005183045f)) + s2 * s2 * 0.000924230142f);
@@ -6587,22 +6502,19 @@ ENVSAMP__MATH float envsamp__cdf_number(const uint32_t *edge, double f)
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const float dir[3],
                                                   float u[2])
 {
-    double x0, x1, fy;
-    envsamp__cdf_place at;
-    envsamp__exact e;
-    const envsamp__cdf_row *row;
+    double fy;
 
     ENVSAMP_ASSERT(cdf && dir && u);
     u[0] = u[1] = 0.0f;
-    at = envsamp__cdf_at(cdf, dir[0], dir[1], dir[2],
-                         ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
+    envsamp__cdf_place at = envsamp__cdf_at(cdf, dir[0], dir[1], dir[2],
+                                            ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (!(envsamp__cdf_density(cdf, at) > 0.0f))
         return 0;
-    e = envsamp__dir_exact(cdf->mapping, dir);
-    x0 = (double)at.column - (double)cdf->offset;
-    x1 = envsamp__min_double(x0 + 1.0, (double)cdf->image_width);
+    envsamp__exact e = envsamp__dir_exact(cdf->mapping, dir);
+    double x0 = (double)at.column - (double)cdf->offset;
+    double x1 = envsamp__min_double(x0 + 1.0, (double)cdf->image_width);
     x0 = envsamp__max(x0, 0.0);
-    row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
+    const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
     fy = envsamp__exact_between(e, envsamp__cdf_row_edge(row), envsamp__cdf_row_edge(row + 1));
     u[0] = envsamp__cdf_number(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column,
                                (e.x * (double)cdf->image_width - x0) / (x1 - x0));
@@ -6622,17 +6534,15 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
     const uint16_t *guide[ENVSAMP__BATCH];
     float dir[3][ENVSAMP__BATCH], density;
     envsamp__batch batch;
-    size_t start;
-    int i;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
     if (n % ENVSAMP__BATCH)
         ENVSAMP_MEMSET(&batch, 0, sizeof batch);
-    for (start = 0; start < n; start += ENVSAMP__BATCH) {
+    for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
         int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
         size_t bytes = (size_t)count * sizeof(float);
 
-        for (i = 0; i < count; i++) {
+        for (int i = 0; i < count; i++) {
             across[i] = envsamp__draw(u0[start + (size_t)i]);
             down[i] = envsamp__draw(u1[start + (size_t)i]);
             row[i] = envsamp__cdf_find_row(cdf, down[i]);
@@ -6640,13 +6550,13 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
                      + (across[i] >> (24 - cdf->guide_bits));
             ENVSAMP__PREFETCH(guide[i]);
         }
-        for (i = 0; i < count; i++) {
+        for (int i = 0; i < count; i++) {
             const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, row[i]) + *guide[i];
 
             ENVSAMP__PREFETCH(edge);
             ENVSAMP__PREFETCH(edge + ENVSAMP__WALK);
         }
-        for (i = 0; i < count; i++) {
+        for (int i = 0; i < count; i++) {
             envsamp__point p = envsamp__cdf_point(cdf, row[i], down[i], across[i], &density);
 
             envsamp__batch_put(&batch, i, p, density);
@@ -6664,20 +6574,19 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 {
     envsamp__cdf_place at[ENVSAMP__BATCH];
     float r[ENVSAMP__BATCH];
-    size_t start, i;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
-    for (start = 0; start < n; start += ENVSAMP__BATCH) {
+    for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
         size_t count = n - start < ENVSAMP__BATCH ? n - start : ENVSAMP__BATCH;
 
-        for (i = 0; i < count; i++)
+        for (size_t i = 0; i < count; i++)
             r[i] = x[start + i] * x[start + i] + y[start + i] * y[start + i];
         envsamp__sqrt_n(r, (int)count);
-        for (i = 0; i < count; i++) {
+        for (size_t i = 0; i < count; i++) {
             at[i] = envsamp__cdf_at(cdf, x[start + i], y[start + i], z[start + i], r[i]);
             ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
         }
-        for (i = 0; i < count; i++)
+        for (size_t i = 0; i < count; i++)
             pdf[start + i] = envsamp__cdf_density(cdf, at[i]);
     }
 }
@@ -6751,9 +6660,8 @@ typedef struct envsamp__halftone {
 static double envsamp__random(uint32_t seed, uint32_t number)
 {
     uint32_t x = seed;
-    int pass;
 
-    for (pass = 0; pass < 2; pass++) {
+    for (int pass = 0; pass < 2; pass++) {
         x = (x ^ 0x9e3779b9u) + number;
         x ^= x >> 16;
         x *= 0x7feb352du;
@@ -6782,10 +6690,9 @@ static double envsamp__luminance(const double *rgb, int channels)
 static double envsamp__texel_value(const envsamp_image *image, int x, int y, double rgb[3])
 {
     float mended[3];
-    int c;
 
     envsamp__mend_pixel(envsamp__pixel_at(image, x, y), image->channels, mended);
-    for (c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++)
         rgb[c] = (double)mended[c];
     return envsamp__luminance(rgb, image->channels);
 }
@@ -6796,18 +6703,17 @@ static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
     const envsamp_image *image = h->image;
     float luminance[ENVSAMP__CHUNK];
     size_t bad = 0;
-    int x, y, i;
 
     ENVSAMP_MEMSET(h->sum, 0, (size_t)image->width * sizeof *h->sum);
     ENVSAMP_MEMSET(h->lit_count, 0, (size_t)image->width * sizeof *h->lit_count);
-    for (y = y0; y < y1; y++)
-        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
+    for (int y = y0; y < y1; y++)
+        for (int x = 0; x < image->width; x += ENVSAMP__CHUNK) {
             int count = envsamp__min(ENVSAMP__CHUNK, image->width - x);
             double sr = h->row_sr ? h->row_sr[y] : 1.0;
 
             bad += envsamp__read_luminance(envsamp__pixel_at(image, x, y), image->channels, count,
                                            luminance);
-            for (i = 0; i < count; i++) {
+            for (int i = 0; i < count; i++) {
                 h->sum[x + i] += sr * (double)luminance[i];
                 h->lit_count[x + i] += luminance[i] > 0.0f;
             }
@@ -6846,14 +6752,14 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
    begins upwards: else the texels chosen of an even map may all be low in their cells. */
 static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
 {
-    int width = h->x1 - h->x0, i, y;
+    int width = h->x1 - h->x0;
 
-    for (i = 0; i < width; i++) {
+    for (int i = 0; i < width; i++) {
         int x = step > 0 ? h->x0 + i : h->x1 - 1 - i;
 
         if (y1 - y0 < h->y1 - h->y0 || h->error + h->sum[x] > h->threshold
             || (h->once && h->lit - h->lit_count[x] < h->wanted - h->chosen)) {
-            for (y = y0; y < y1; y++)
+            for (int y = y0; y < y1; y++)
                 envsamp__walk_texel(h, x, (i + h->strip) & 1 ? y0 + y1 - 1 - y : y);
         } else {                /* a whole column of which none is chosen */
             h->error += h->sum[x];
@@ -6881,16 +6787,16 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
         { 128, 4, 1, 1 }
     };
     const unsigned char *a, *b;
-    double at = 255.0 * envsamp__clamp(level, 0.0, 1.0), t;
-    int i = 0, k;
+    double at = 255.0 * envsamp__clamp(level, 0.0, 1.0);
+    int i = 0;
 
     at = at < 127.5 ? at : 255.0 - at;
     while (at > (double)key[i + 1][0])
         i++;
     a = key[i];
     b = key[i + 1];
-    t = (at - (double)a[0]) / (double)(b[0] - a[0]);
-    for (k = 1; k < 4; k++)
+    double t = (at - (double)a[0]) / (double)(b[0] - a[0]);
+    for (int k = 1; k < 4; k++)
         share[k - 1] = (1.0 - t) * (double)a[k] / (double)(a[1] + a[2] + a[3])
                      + t * (double)b[k] / (double)(b[1] + b[2] + b[3]);
 }
@@ -6905,21 +6811,20 @@ static double *envsamp__waiting(const envsamp__halftone *h, int below)
 static void envsamp__diffuse(envsamp__halftone *h)
 {
     double share[ENVSAMP__TAPS], *to[ENVSAMP__TAPS], sum = 0.0, scale;
-    int i;
 
-    for (i = 0; i < h->tap_count; i++)
+    for (int i = 0; i < h->tap_count; i++)
         share[i] = (double)h->tap[i].parts;
     if (h->desc->kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
         envsamp__ostromoukhov_shares(h->mass / h->quantum, share);
-    for (i = 0; i < h->tap_count; i++) {
-        int x = h->cell + h->step * h->tap[i].across, inside;
+    for (int i = 0; i < h->tap_count; i++) {
+        int x = h->cell + h->step * h->tap[i].across;
 
-        inside = x >= 0 && x < h->across && h->strip + h->tap[i].below < h->down;
+        int inside = x >= 0 && x < h->across && h->strip + h->tap[i].below < h->down;
         to[i] = inside ? envsamp__waiting(h, h->tap[i].below) + x : NULL;
         sum += inside ? share[i] : 0.0;
     }
     scale = sum > 0.0 ? h->error / sum : 0.0;       /* after the last one nothing is left to do */
-    for (i = 0; i < h->tap_count; i++)
+    for (int i = 0; i < h->tap_count; i++)
         if (to[i])
             *to[i] += scale * share[i];
     h->error = 0.0;
@@ -6933,14 +6838,14 @@ static void envsamp__diffuse(envsamp__halftone *h)
 static void envsamp__walk_strip(envsamp__halftone *h)
 {
     const envsamp_image *image = h->image;
-    int i, x, height;
+    int x;
 
     h->y0 = envsamp__part_edge(h->strip, h->down, image->height);
     h->y1 = envsamp__part_edge(h->strip + 1, h->down, image->height);
-    height = h->y1 - h->y0;
+    int height = h->y1 - h->y0;
     envsamp__sum_columns(h, h->y0, h->y1);
-    for (i = 0; i < h->across; i++) {
-        int bands = 1, band;
+    for (int i = 0; i < h->across; i++) {
+        int bands = 1;
 
         h->cell = h->step > 0 ? i : h->across - 1 - i;
         h->x0 = envsamp__part_edge(h->cell, h->across, image->width);
@@ -6953,7 +6858,7 @@ static void envsamp__walk_strip(envsamp__halftone *h)
                                                  (double)height) + 1;
             bands = envsamp__min(bands, height - !(height & 1));
         }
-        for (band = 0; band < bands; band++)
+        for (int band = 0; band < bands; band++)
             envsamp__walk_band(h, band & 1 ? -h->step : h->step,
                                h->y0 + envsamp__part_edge(band, bands, height),
                                h->y0 + envsamp__part_edge(band + 1, bands, height));
@@ -7013,7 +6918,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
 static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
                                    envsamp_texel *texels)
 {
-    int random = h->desc->kernel == ENVSAMP_KERNEL_RANDOM, x, y, i;
+    int random = h->desc->kernel == ENVSAMP_KERNEL_RANDOM;
     uint32_t seed = h->desc->seed;
     double spacings = 0.0;
 
@@ -7022,7 +6927,7 @@ static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t l
     h->lit = lit;
     h->wanted = wanted;
     ENVSAMP_MEMSET(h->waiting, 0, (size_t)(h->rows * h->across) * sizeof(double));
-    for (i = 0; i <= wanted && random; i++)
+    for (int i = 0; i <= wanted && random; i++)
         spacings += envsamp__spacing(seed, i);
     h->gap_unit = random ? total / spacings : 0.0;
     h->quantum = random ? h->gap_unit * envsamp__spacing(seed, 0) : total / (double)wanted;
@@ -7033,8 +6938,8 @@ static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t l
         envsamp__walk_strip(h);
     }
     h->threshold = -DBL_MAX;
-    for (y = h->image->height - 1; y >= 0 && h->chosen == 0; y--)
-        for (x = 0; x < h->image->width && h->chosen == 0; x++)
+    for (int y = h->image->height - 1; y >= 0 && h->chosen == 0; y--)
+        for (int x = 0; x < h->image->width && h->chosen == 0; x++)
             envsamp__walk_texel(h, x, y);
     for (; h->chosen < wanted; h->chosen++)
         texels[h->chosen] = texels[h->chosen - 1];
@@ -7077,7 +6982,6 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     envsamp_result result;
     double total = 0.0;
     int64_t lit = 0;
-    int x;
 
     if (!count)
         return ENVSAMP_ERR_NULL;
@@ -7096,7 +7000,7 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     envsamp__halftone_carve(&h, desc, &image, NULL, &arena);
     if (envsamp__sum_columns(&h, 0, height))
         return ENVSAMP_ERR_VALUE;
-    for (x = 0; x < width; x++) {
+    for (int x = 0; x < width; x++) {
         total += h.sum[x];
         lit += h.lit_count[x];
     }
@@ -7123,10 +7027,9 @@ static void envsamp__fill_row_sr(const envsamp_image *image, double *row_sr)
 {
     double turn = image->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5, sine, half, cosine;
     double width = (double)image->width, height = (double)image->height;
-    int y;
 
     envsamp__sincos_pi(turn * 0.5 / height, &half, &cosine);
-    for (y = 0; y < image->height; y++) {
+    for (int y = 0; y < image->height; y++) {
         envsamp__sincos_pi(turn * ((double)y + 0.5) / height, &sine, &cosine);
         row_sr[y] = image->mapping == ENVSAMP_OCTAHEDRAL ? 4.0 * ENVSAMP__PI / (width * height)
                                                          : 4.0 * ENVSAMP__PI / width * half * sine;
@@ -7225,9 +7128,8 @@ enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE, ENVSAMP__ANY };     /* labels */
 static int envsamp__normalise(const double v[3], float dir[3])
 {
     double length = ENVSAMP_SQRT(envsamp__dot(v, v, 3));
-    int c;
 
-    for (c = 0; c < 3 && length > 0.0; c++)
+    for (int c = 0; c < 3 && length > 0.0; c++)
         dir[c] = (float)(v[c] / length);
     return length > 0.0;
 }
@@ -7236,9 +7138,7 @@ static int envsamp__normalise(const double v[3], float dir[3])
    `turns`: the range of angles, in half turns. */
 static void envsamp__fill_angles(double *angle, int texels, double turns)
 {
-    int i;
-
-    for (i = 0; i <= 2 * texels; i++)
+    for (int i = 0; i <= 2 * texels; i++)
         envsamp__sincos_pi(0.5 * turns * (double)i / (double)texels, &angle[2 * i],
                            &angle[2 * i + 1]);
 }
@@ -7264,21 +7164,17 @@ static void envsamp__map_dir(const envsamp__lights *l, int x, int y, double dir[
 /* Lets the channels of a patch, which are sums by solid angle, shine from a point of the map. */
 static void envsamp__aim_patch(const envsamp__lights *l, int x, int y, envsamp__patch *patch)
 {
-    int c;
-
     envsamp__map_dir(l, x, y, patch->v);
     patch->luminance = envsamp__luminance(patch->rgb, l->image->channels);
-    for (c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++)
         patch->v[c] *= patch->luminance;
 }
 
 static void envsamp__add_patch(const envsamp__patch *patch, envsamp__patch *sum)
 {
-    int c;
-
     sum->luminance += patch->luminance;
     sum->sr += patch->sr;
-    for (c = 0; c < 3; c++) {
+    for (int c = 0; c < 3; c++) {
         sum->v[c] += patch->v[c];
         sum->rgb[c] += patch->rgb[c];
     }
@@ -7287,11 +7183,10 @@ static void envsamp__add_patch(const envsamp__patch *patch, envsamp__patch *sum)
 static void envsamp__add_texel(const envsamp__lights *l, int x, int y, envsamp__patch *sum)
 {
     envsamp__patch texel;
-    int c;
 
     texel.sr = l->row_sr[y];
     envsamp__texel_value(l->image, x, y, texel.rgb);
-    for (c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++)
         texel.rgb[c] *= texel.sr;
     envsamp__aim_patch(l, 2 * x + 1, 2 * y + 1, &texel);
     envsamp__add_patch(&texel, sum);
@@ -7351,10 +7246,9 @@ static double envsamp__spread(const envsamp__patch *sum)
 static void envsamp__region_terms(const envsamp__lights *l, envsamp__region *r, double term[3])
 {
     double square = 0.0;
-    int x, y;
 
-    for (y = r->y0 / l->tall; r->deviation < 0.0 && y * l->tall < r->y1; y++)
-        for (x = r->x0 / l->wide; x * l->wide < r->x1; x++) {
+    for (int y = r->y0 / l->tall; r->deviation < 0.0 && y * l->tall < r->y1; y++)
+        for (int x = r->x0 / l->wide; x * l->wide < r->x1; x++) {
             const envsamp__patch *patch = &l->patches[y * l->across + x];
 
             if (patch->sr > 0.0)
@@ -7394,11 +7288,9 @@ static double envsamp__region_key(const envsamp__lights *l, envsamp__region *r)
 /* Makes the heap of regions, by keys of a rule. */
 static void envsamp__sort_regions(envsamp__lights *l, envsamp_lights_method rule)
 {
-    int i;
-
     l->rule = rule;
     l->heap.count = 0;
-    for (i = 0; i < l->count; i++)
+    for (int i = 0; i < l->count; i++)
         envsamp__heap_push(&l->heap, envsamp__region_key(l, &l->regions[i]), (uint32_t)i, 0);
 }
 
@@ -7406,13 +7298,13 @@ static void envsamp__sort_regions(envsamp__lights *l, envsamp_lights_method rule
 static void envsamp__sum_lines(const envsamp__lights *l, const envsamp__region *r, int texels,
                                int down, int count, envsamp__patch *line)
 {
-    int x0 = r->x0 / l->wide, y0 = r->y0 / l->tall, x, y;
+    int x0 = r->x0 / l->wide, y0 = r->y0 / l->tall;
 
     ENVSAMP_MEMSET(line, 0, (size_t)count * sizeof *line);
-    for (x = r->x0 - 1, y = r->y0; texels && envsamp__next_texel(l, r, &x, &y); )
+    for (int x = r->x0 - 1, y = r->y0; texels && envsamp__next_texel(l, r, &x, &y); )
         envsamp__add_texel(l, x, y, &line[down ? y - r->y0 : x - r->x0]);
-    for (y = y0; !texels && y * l->tall < r->y1; y++)
-        for (x = x0; x * l->wide < r->x1; x++)
+    for (int y = y0; !texels && y * l->tall < r->y1; y++)
+        for (int x = x0; x * l->wide < r->x1; x++)
             envsamp__add_patch(&l->patches[y * l->across + x], &line[down ? y - y0 : x - x0]);
 }
 
@@ -7425,17 +7317,17 @@ static int envsamp__cut_region(envsamp__lights *l, envsamp__region *r, envsamp__
 {
     int variance = l->rule == ENVSAMP_LIGHTS_VARIANCE_CUT;
     int halves = !variance && l->rule != ENVSAMP_LIGHTS_MEDIAN_CUT;
-    envsamp__patch *line = l->line, *after = line + ENVSAMP__LINES_MAX, before;
+    envsamp__patch *line = l->line, *after = line + ENVSAMP__LINES_MAX;
     envsamp__region parts[2];
 
     do {
         int width = r->x1 - r->x0, height = r->y1 - r->y0;
         int texels = l->rule == ENVSAMP_LIGHTS_RELAXED && width <= l->wide && height <= l->tall;
-        int wide = texels ? 1 : l->wide, tall = texels ? 1 : l->tall, pass, i;
+        int wide = texels ? 1 : l->wide, tall = texels ? 1 : l->tall;
         int first = !variance && envsamp__extent(l->image, r, 0) < envsamp__extent(l->image, r, 1);
         double best = -1.0, least = 1e-9 * r->sum.luminance;
 
-        for (pass = 0; pass < 2 && (variance || best < 0.0); pass++) {
+        for (int pass = 0; pass < 2 && (variance || best < 0.0); pass++) {
             int down = first ^ pass, side = down ? tall : wide;
             int count = ((down ? height : width) + side - 1) / side;
 
@@ -7443,10 +7335,10 @@ static int envsamp__cut_region(envsamp__lights *l, envsamp__region *r, envsamp__
                 continue;
             envsamp__sum_lines(l, r, texels, down, count, line);
             ENVSAMP_MEMCPY(after, line, (size_t)count * sizeof *line);
-            for (i = count - 1; i-- > 0; )
+            for (int i = count - 1; i-- > 0; )
                 envsamp__add_patch(&after[i + 1], &after[i]);
-            before = line[0];
-            for (i = 1; i < count; envsamp__add_patch(&line[i++], &before)) {
+            envsamp__patch before = line[0];
+            for (int i = 1; i < count; envsamp__add_patch(&line[i++], &before)) {
                 double cost = halves ? ENVSAMP__FABS((double)(2 * i - count))
                             : variance ? envsamp__spread(&before) + envsamp__spread(&after[i])
                             : ENVSAMP__FABS(before.luminance - after[i].luminance);
@@ -7493,7 +7385,7 @@ static void envsamp__add_run(const envsamp__lights *l, const float *from, int x,
                              envsamp__patch *patch)
 {
     double sr = l->row_sr[y], sum[3] = { 0.0, 0.0, 0.0 };
-    int channels = l->image->channels, green = channels > 1, count = 0, c;
+    int channels = l->image->channels, green = channels > 1, count = 0;
 
     for (; x < end; x++, from += channels)
         if (envsamp__counts(l, x, y)) {
@@ -7502,7 +7394,7 @@ static void envsamp__add_run(const envsamp__lights *l, const float *from, int x,
             sum[2] += (double)from[2 * green];
             count++;
         }
-    for (c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++)
         patch->rgb[c] += sr * sum[c];
     patch->sr += sr * (double)count;
 }
@@ -7515,7 +7407,7 @@ static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_ligh
     float mended[4 * ENVSAMP__CHUNK];
     envsamp__region whole;
     size_t bad = 0;
-    int x, y, k, end;
+    int x, y, end;
 
     l->label = label;
     ENVSAMP_MEMSET(l->patches, 0, (size_t)(l->across * l->down) * sizeof *l->patches);
@@ -7525,19 +7417,19 @@ static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_ligh
             int last = envsamp__min(x + ENVSAMP__CHUNK, image->width), counted = 0;
             const float *from;
 
-            for (k = x; k < last && !counted; k++)
+            for (int k = x; k < last && !counted; k++)
                 counted = envsamp__counts(l, k, y);
             if (!counted)
                 continue;
             from = envsamp__read_pixels(envsamp__pixel_at(image, x, y), image->channels, last - x,
                                         mended, &bad);
-            for (k = x; k < last; k = end) {
+            for (int k = x; k < last; k = end) {
                 end = envsamp__min((k / l->wide + 1) * l->wide, last);
                 envsamp__add_run(l, from + (k - x) * image->channels, k, end, y,
                                  &l->patches[y / l->tall * l->across + k / l->wide]);
             }
         }
-    for (k = 0; k < l->across * l->down; k++) {
+    for (int k = 0; k < l->across * l->down; k++) {
         x = k % l->across * l->wide;
         y = k / l->across * l->tall;
         envsamp__aim_patch(l, x + envsamp__min(x + l->wide, image->width),
@@ -7565,11 +7457,10 @@ static void envsamp__set_light(const envsamp__patch *sum, const float dir[3], in
 {
     double r = sum->luminance > 0.0 ? ENVSAMP_SQRT(envsamp__dot(sum->v, sum->v, 3)) / sum->luminance
                                     : 1.0;
-    int c;
 
     ENVSAMP_MEMSET(light, 0, sizeof *light);
     ENVSAMP_MEMCPY(light->dir, dir, sizeof light->dir);
-    for (c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++)
         light->irradiance[c] = envsamp__to_float(sum->rgb[c] / (double)copies);
     light->solid_angle = (float)(sum->sr / (double)copies);
     light->cos_extent = (float)envsamp__clamp(2.0 * r - 1.0, -1.0, 1.0);
@@ -7589,13 +7480,12 @@ static void envsamp__region_dir(const envsamp__lights *l, const envsamp__region 
 static void envsamp__cut_lights(envsamp__lights *l, int count, envsamp_light *lights)
 {
     float dir[3];
-    int i, k;
 
-    for (i = l->count; i < count; i++)
+    for (int i = l->count; i < count; i++)
         envsamp__cut_top(l);
-    for (i = 0; i < l->count; i++) {
+    for (int i = 0; i < l->count; i++) {
         envsamp__region_dir(l, &l->regions[i], dir);
-        for (k = 0; k < l->regions[i].copies; k++)
+        for (int k = 0; k < l->regions[i].copies; k++)
             envsamp__set_light(&l->regions[i].sum, dir, l->regions[i].copies, lights++);
     }
 }
@@ -7644,10 +7534,9 @@ static void envsamp__set_point(envsamp__points *points, int i, const float dir[3
 static void envsamp__fill_points(envsamp__lights *l, int channel, double total)
 {
     float dir[3] = { 0.0f, 0.0f, 0.0f };
-    int i;
 
     ENVSAMP_MEMSET(l->points, 0, ENVSAMP__POINT_GROUPS(l->count) * sizeof *l->points);
-    for (i = 0; i < l->count; i++) {
+    for (int i = 0; i < l->count; i++) {
         const envsamp__patch *sum = &l->regions[i].sum;
         double weight = channel < 0 ? sum->luminance : sum->rgb[channel];
 
@@ -7672,9 +7561,7 @@ static void envsamp__make_pieces(envsamp__lights *l)
 static void envsamp__square_chords(const envsamp__points *p, const float *axis,
                                    float square[ENVSAMP__POINTS])
 {
-    int i;
-
-    for (i = 0; i < ENVSAMP__POINTS; i++) {
+    for (int i = 0; i < ENVSAMP__POINTS; i++) {
         float x = p->x[i] - axis[0], y = p->y[i] - axis[1], z = p->z[i] - axis[2];
 
         square[i] = x * x + y * y + z * z;
@@ -7685,11 +7572,10 @@ static void envsamp__square_chords(const envsamp__points *p, const float *axis,
 static void envsamp__take_pieces(envsamp__lights *l, int k)
 {
     float square[ENVSAMP__POINTS];
-    int i, c;
 
-    for (i = 0; i < l->count; i += ENVSAMP__POINTS) {
+    for (int i = 0; i < l->count; i += ENVSAMP__POINTS) {
         envsamp__square_chords(&l->points[i / ENVSAMP__POINTS], l->movers[k].axis, square);
-        for (c = 0; c < ENVSAMP__POINTS && i + c < l->count; c++)
+        for (int c = 0; c < ENVSAMP__POINTS && i + c < l->count; c++)
             if (square[c] < l->reach[i + c]) {
                 l->reach[i + c] = square[c];
                 l->regions[i + c].light = k;
@@ -7701,13 +7587,11 @@ static void envsamp__take_pieces(envsamp__lights *l, int k)
    farther away than they can be. */
 static void envsamp__assign_pieces(envsamp__lights *l, int lights)
 {
-    int i, k;
-
-    for (i = 0; i < l->count; i++) {
+    for (int i = 0; i < l->count; i++) {
         l->regions[i].light = 0;
         l->reach[i] = 5.0f;
     }
-    for (k = 0; k < lights; k++)
+    for (int k = 0; k < lights; k++)
         envsamp__take_pieces(l, k);
 }
 
@@ -7724,11 +7608,11 @@ static void envsamp__put_light(envsamp__lights *l, int k, int piece)
    those that hold several; without one light also of those not tried. -1 if there is none. */
 static int envsamp__busy_piece(envsamp__lights *l, int but)
 {
-    double most = -1.0, work;
+    double most = -1.0;
     envsamp__mover *m = l->movers;
-    int i, k, busy = -1, at = -1;
+    int i, busy = -1, at = -1;
 
-    for (k = 0; k < l->made; k++) {
+    for (int k = 0; k < l->made; k++) {
         m[k].held = 0;
         m[k].chord = 0.0;
     }
@@ -7737,14 +7621,14 @@ static int envsamp__busy_piece(envsamp__lights *l, int but)
         m[l->regions[i].light].chord += l->regions[i].sum.luminance
                                         * (double)ENVSAMP_SQRTF(l->reach[i]);
     }
-    for (k = 0; k < l->made; k++)
+    for (int k = 0; k < l->made; k++)
         if (k != but && (but < 0 || !m[k].tried) && m[k].held > 1
             && m[k].weight * m[k].chord > most) {
             most = m[k].weight * m[k].chord;
             busy = k;
         }
     for (most = -1.0, i = 0; i < l->count; i++) {
-        work = l->regions[i].sum.luminance * (double)ENVSAMP_SQRTF(l->reach[i]);
+        double work = l->regions[i].sum.luminance * (double)ENVSAMP_SQRTF(l->reach[i]);
         if (l->regions[i].light == busy && work > most) {
             most = work;
             at = i;
@@ -7758,7 +7642,7 @@ static int envsamp__busy_piece(envsamp__lights *l, int but)
 static void envsamp__sum_pieces(envsamp__lights *l)
 {
     envsamp__mover *m = l->movers;
-    int i, k, busy;
+    int k, busy;
 
     do {
         busy = envsamp__busy_piece(l, -1);
@@ -7769,7 +7653,7 @@ static void envsamp__sum_pieces(envsamp__lights *l)
     } while (k < l->made && busy >= 0);
     for (k = 0; k < l->made; k++)
         ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
-    for (i = 0; i < l->count; i++)
+    for (int i = 0; i < l->count; i++)
         envsamp__add_patch(&l->regions[i].sum, &m[l->regions[i].light].sum);
     for (k = 0; k < l->made; k++)
         m[k].weight = m[k].sum.luminance / l->total.luminance;
@@ -7778,9 +7662,9 @@ static void envsamp__sum_pieces(envsamp__lights *l)
 /* Lloyd's relaxation, from lights to which the pieces are assigned, until no light moves. */
 static void envsamp__relax(envsamp__lights *l, int rounds)
 {
-    int most = 1 + ENVSAMP__DISTANCES_MAX / (l->count * l->made), moved = 1, i, k;
+    int most = 1 + ENVSAMP__DISTANCES_MAX / (l->count * l->made), moved = 1, k;
 
-    for (i = 0; i < rounds && i < most && moved; i++) {
+    for (int i = 0; i < rounds && i < most && moved; i++) {
         envsamp__sum_pieces(l);
         for (moved = k = 0; k < l->made; k++) {
             float was[3];
@@ -7810,10 +7694,9 @@ static void envsamp__sum_field(const envsamp__lights *l, int k, const envsamp__p
 {
     float *own = &l->places[k / ENVSAMP__POINTS].weight[k % ENVSAMP__POINTS], kept = *own;
     size_t groups = ENVSAMP__POINT_GROUPS(count), g;
-    int i, c;
 
     *own = 0.0f;
-    for (c = 0; c < 5; c++)
+    for (int c = 0; c < 5; c++)
         all[c] = 0.0;
     for (; groups > 0; groups -= g) {
         float sum[5][ENVSAMP__POINTS], chord[ENVSAMP__POINTS];
@@ -7821,10 +7704,10 @@ static void envsamp__sum_field(const envsamp__lights *l, int k, const envsamp__p
         ENVSAMP_MEMSET(sum, 0, sizeof sum);
         for (g = 0; g < 2 * ENVSAMP__POINTS && g < groups; g++, p++) {
             envsamp__square_chords(p, l->movers[k].axis, chord);
-            for (i = 0; i < ENVSAMP__POINTS; i++)
+            for (int i = 0; i < ENVSAMP__POINTS; i++)
                 chord[i] += 1e-12f;         /* of a light that stands on a piece */
             envsamp__sqrt_n(chord, ENVSAMP__POINTS);
-            for (i = 0; i < ENVSAMP__POINTS; i++) {
+            for (int i = 0; i < ENVSAMP__POINTS; i++) {
                 float share = p->weight[i] / chord[i];
 
                 sum[0][i] += share * p->x[i];
@@ -7834,8 +7717,8 @@ static void envsamp__sum_field(const envsamp__lights *l, int k, const envsamp__p
                 sum[4][i] += p->weight[i] * chord[i];
             }
         }
-        for (c = 0; c < 5; c++)
-            for (i = 0; i < ENVSAMP__POINTS; i++)
+        for (int c = 0; c < 5; c++)
+            for (int i = 0; i < ENVSAMP__POINTS; i++)
                 all[c] += (double)sum[c][i];
     }
     *own = kept;
@@ -7843,10 +7726,8 @@ static void envsamp__sum_field(const envsamp__lights *l, int k, const envsamp__p
 
 static void envsamp__place_lights(envsamp__lights *l)
 {
-    int k;
-
     ENVSAMP_MEMSET(l->places, 0, ENVSAMP__POINT_GROUPS(l->made) * sizeof *l->places);
-    for (k = 0; k < l->made; k++)
+    for (int k = 0; k < l->made; k++)
         envsamp__set_point(l->places, k, l->movers[k].axis, l->movers[k].weight);
 }
 
@@ -7901,18 +7782,17 @@ static void envsamp__step_light(envsamp__lights *l, int k, double momentum)
     envsamp__mover *m = &l->movers[k];
     double push[5], v[3], along = 0.0;
     float to[3];
-    int c;
 
     envsamp__sum_field(l, k, l->places, l->made, push);
-    for (c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++)
         v[c] = m->toward[c] + push[3] * (double)m->axis[c] - push[c];
     ENVSAMP_MEMCPY(to, m->axis, sizeof to);
     envsamp__normalise(v, to);
-    for (c = 0; c < 3; c++) {
+    for (int c = 0; c < 3; c++) {
         v[c] = (double)to[c] - (double)m->next[c];
         along += v[c] * ((double)to[c] - (double)m->axis[c]);
     }
-    for (c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++)
         v[c] = (double)to[c] + (along < 0.0 ? 0.0 : momentum * v[c]);
     ENVSAMP_MEMCPY(m->next, to, sizeof to);
     envsamp__normalise(v, m->axis);
@@ -7923,25 +7803,24 @@ static void envsamp__step_light(envsamp__lights *l, int k, double momentum)
 static void envsamp__move_lights(envsamp__lights *l, int rounds)
 {
     envsamp__mover *m = l->movers;
-    int i, k;
 
-    for (k = 0; k < l->made; k++)
+    for (int k = 0; k < l->made; k++)
         ENVSAMP_MEMCPY(m[k].next, m[k].axis, sizeof m[k].next);
-    for (i = 0; i <= rounds; i++) {
+    for (int i = 0; i <= rounds; i++) {
         double energy = envsamp__weigh_lights(l, 2);
         int better = energy < l->energy - 1e-9;
 
-        for (k = 0; k < l->made && better; k++) {
+        for (int k = 0; k < l->made && better; k++) {
             ENVSAMP_MEMCPY(m[k].best, m[k].axis, sizeof m[k].best);
             m[k].best_weight = m[k].weight;
             m[k].tried = 0;
         }
         l->energy = better ? energy : l->energy;
         envsamp__place_lights(l);
-        for (k = 0; k < l->made && i < rounds; k++)
+        for (int k = 0; k < l->made && i < rounds; k++)
             envsamp__step_light(l, k, (double)i / (double)(i + 3));
     }
-    for (k = 0; k < l->made; k++) {
+    for (int k = 0; k < l->made; k++) {
         ENVSAMP_MEMCPY(m[k].axis, m[k].best, sizeof m[k].best);
         m[k].weight = m[k].best_weight;
     }
@@ -7950,7 +7829,7 @@ static void envsamp__move_lights(envsamp__lights *l, int rounds)
 /* Moves the lights to where their energy is least of all that is tried. It never rises. */
 static void envsamp__improve_lights(envsamp__lights *l, int rounds)
 {
-    int now = ENVSAMP__MOVE_ROUNDS, idle, busy, k;
+    int now = ENVSAMP__MOVE_ROUNDS, idle, k;
 
     l->energy = DBL_MAX;
     envsamp__move_lights(l, 0);
@@ -7963,7 +7842,7 @@ static void envsamp__improve_lights(envsamp__lights *l, int rounds)
         for (idle = 0, k = 1; k < l->made; k++)
             idle = l->movers[k].weight < l->movers[idle].weight ? k : idle;
         envsamp__assign_pieces(l, l->made);
-        busy = envsamp__busy_piece(l, idle);
+        int busy = envsamp__busy_piece(l, idle);
         if (rounds > 0 && busy >= 0) {
             now = ENVSAMP__TRIAL_ROUNDS;
             l->movers[l->regions[busy].light].tried = 1;
@@ -7975,14 +7854,14 @@ static void envsamp__improve_lights(envsamp__lights *l, int rounds)
 /* Where there are fewer, shares the lights made between `count`. */
 static void envsamp__share_lights(const envsamp__lights *l, envsamp_light *lights)
 {
-    int count = l->desc->count, k, c;
+    int count = l->desc->count;
 
-    for (k = count; k-- > 0; ) {
+    for (int k = count; k-- > 0; ) {
         float copies = (float)((count - 1 - k % l->made) / l->made + 1);
 
         lights[k] = lights[k % l->made];
         lights[k].solid_angle /= copies;
-        for (c = 0; c < 3; c++)
+        for (int c = 0; c < 3; c++)
             lights[k].irradiance[c] /= copies;
     }
 }
@@ -7991,14 +7870,13 @@ static void envsamp__share_lights(const envsamp__lights *l, envsamp_light *light
 static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
 {
     const double *integral = l->info.integral;
-    int made, most, k, c;
 
     l->made = l->desc->count;
     envsamp__make_pieces(l);
-    made = envsamp__min(l->desc->count, l->count);
-    most = made < l->count ? ENVSAMP__DISTANCES_MAX / (l->count * made) : 0;
+    int made = envsamp__min(l->desc->count, l->count);
+    int most = made < l->count ? ENVSAMP__DISTANCES_MAX / (l->count * made) : 0;
     envsamp__assign_pieces(l, 0);
-    for (k = 0; k < made; k++) {
+    for (int k = 0; k < made; k++) {
         l->made = envsamp__max_int(k, 1);
         l->movers[k].weight = 1.0;
         envsamp__put_light(l, k, envsamp__max_int(envsamp__busy_piece(l, -1), 0));
@@ -8010,13 +7888,13 @@ static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
         envsamp__assign_pieces(l, made);
         envsamp__sum_pieces(l);
     }
-    for (k = 0; k < made; k++)
+    for (int k = 0; k < made; k++)
         envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
-    for (c = 0; c < 3 && most > 0; c++) {
+    for (int c = 0; c < 3 && most > 0; c++) {
         envsamp__fill_points(l, c, integral[c]);
         envsamp__weigh_lights(l, envsamp__min(ENVSAMP__WEIGH_SWEEPS,
                                               ENVSAMP__DISTANCES_MAX / (made * made)));
-        for (k = 0; k < made; k++)
+        for (int k = 0; k < made; k++)
             lights[k].irradiance[c] = envsamp__to_float(l->movers[k].weight * integral[c]);
     }
     envsamp__share_lights(l, lights);
@@ -8042,17 +7920,17 @@ static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
    bits, then of the lower half. */
 static float envsamp__percentile(const envsamp__lights *l, double target)
 {
-    int width = l->image->width, pass, x, y;
+    int width = l->image->width;
     double sum, before = 0.0;
     uint32_t upper = 0, last = 0, bin;
 
-    for (pass = 0; pass < 2; pass++) {
+    for (int pass = 0; pass < 2; pass++) {
         const float *row = l->map;
 
         upper = last;
         ENVSAMP_MEMSET(l->bins, 0, ENVSAMP__BINS * sizeof *l->bins);
-        for (y = 0; y < l->image->height; y++, row += width)
-            for (x = 0; x < width; x++) {
+        for (int y = 0; y < l->image->height; y++, row += width)
+            for (int x = 0; x < width; x++) {
                 uint32_t bits = envsamp__float_bits(row[x]);
 
                 if (pass == 0 || bits >> 16 == upper)
@@ -8072,10 +7950,10 @@ static float envsamp__percentile(const envsamp__lights *l, double target)
    others, whose light is 0 only if all of them are black. Returns how many pixels are bad. */
 static size_t envsamp__find_emission(envsamp__lights *l)
 {
-    double total = 0.0, sr = 0.0, limit;
+    double total = 0.0, sr = 0.0;
     float *row = l->map, brightest = 0.0f;
     uint8_t *label = l->labels;
-    int width = l->image->width, x, y;
+    int width = l->image->width, y;
     size_t bad = 0;
 
     for (y = 0; y < l->image->height; y++, row += width) {
@@ -8083,15 +7961,15 @@ static size_t envsamp__find_emission(envsamp__lights *l)
 
         bad += envsamp__read_luminance(envsamp__pixel_at(l->image, 0, y), l->image->channels, width,
                                        row);
-        for (x = 0; x < width; x++) {
+        for (int x = 0; x < width; x++) {
             sum += (double)row[x];
             brightest = row[x] > brightest ? row[x] : brightest;
         }
         total += sum * l->row_sr[y];
         sr += (double)width * l->row_sr[y];
     }
-    limit = envsamp__max((double)l->desc->lambda * total / sr,
-                         (double)l->desc->gamma * (double)brightest);
+    double limit = envsamp__max((double)l->desc->lambda * total / sr,
+                                (double)l->desc->gamma * (double)brightest);
     limit = envsamp__max(limit, (double)envsamp__percentile(l, (double)l->desc->percentile * sr));
     l->threshold = envsamp__to_float(limit);
     ENVSAMP_MEMSET(l->dim, 0, sizeof l->dim);
@@ -8100,7 +7978,7 @@ static size_t envsamp__find_emission(envsamp__lights *l)
         double dim = 0.0, bright = 0.0;
         int count = 0;
 
-        for (x = 0; x < width; x++) {
+        for (int x = 0; x < width; x++) {
             label[x] = row[x] > l->threshold ? ENVSAMP__EMISSIVE : ENVSAMP__DIM;
             if (row[x] > l->threshold) {
                 bright += (double)row[x];
@@ -8125,17 +8003,17 @@ static int envsamp__draw_directs(envsamp__lights *l, int wanted)
 {
     double scale = (double)l->desc->mask_scale / (double)l->desc->count;
     float masked = (float)envsamp__clamp(4.0 * scale, 0.0, 4.5);    /* squared chord */
-    int made = 0, i;
+    int made = 0;
 
     envsamp__assign_pieces(l, 0);
     while (made < wanted) {
         double target = 0.0, sum = 0.0;
         int at = -1;
 
-        for (i = 0; i < l->count; i++)
+        for (int i = 0; i < l->count; i++)
             target += l->reach[i] > masked ? l->regions[i].sum.luminance : 0.0;
         target *= envsamp__random(l->desc->seed, (uint32_t)made);
-        for (i = 0; i < l->count && sum <= target; i++)
+        for (int i = 0; i < l->count && sum <= target; i++)
             if (l->reach[i] > masked) {
                 sum += l->regions[i].sum.luminance;
                 at = i;
@@ -8158,24 +8036,23 @@ static void envsamp__place_directs(envsamp__lights *l)
 {
     double scale = (double)l->desc->mask_scale / (double)l->desc->count, farthest = -2.0;
     double cosine = 1.0 - 2.0 * scale, dir[3], axis[3];
-    int pass, i, k, c, x, y;
 
     if (cosine > 0.0 && scale > 0.0 && l->dim[0] > 0.0)
         farthest = envsamp__clamp(2.0 * cosine * cosine - 1.0, -1.0,
                                   1.0 - 1e-6);      /* a texel is not far from itself */
-    for (k = 0; k < l->made; k++) {
+    for (int k = 0; k < l->made; k++) {
         l->movers[k].chord = -2.0;
         ENVSAMP_MEMSET(&l->movers[k].sum, 0, sizeof l->movers[k].sum);
     }
-    for (pass = 0; pass < 2; pass++) {
-        for (i = 0; i < l->count; i++) {
+    for (int pass = 0; pass < 2; pass++) {
+        for (int i = 0; i < l->count; i++) {
             const envsamp__region *piece = &l->regions[i];
             envsamp__mover *m = &l->movers[piece->light];
             envsamp_texel *texel = &l->texels[piece->light];
 
-            for (x = piece->x0 - 1, y = piece->y0; envsamp__next_texel(l, piece, &x, &y); ) {
+            for (int x = piece->x0 - 1, y = piece->y0; envsamp__next_texel(l, piece, &x, &y); ) {
                 envsamp__map_dir(l, 2 * x + 1, 2 * y + 1, dir);
-                for (c = 0; c < 3; c++)
+                for (int c = 0; c < 3; c++)
                     axis[c] = (double)m->axis[c];
                 cosine = envsamp__dot(dir, axis, 3);
                 if (pass == 0 && cosine > m->chord) {
@@ -8189,7 +8066,7 @@ static void envsamp__place_directs(envsamp__lights *l)
                 }
             }
         }
-        for (k = 0; k < l->made && pass == 0; k++) {
+        for (int k = 0; k < l->made && pass == 0; k++) {
             envsamp__map_dir(l, 2 * l->texels[k].x + 1, 2 * l->texels[k].y + 1, dir);
             envsamp__normalise(dir, l->movers[k].axis);
         }
@@ -8228,7 +8105,7 @@ static void envsamp__make_directs(envsamp__lights *l, envsamp_light *lights)
    can be cut, anew after every cut, after 64 ever more seldom. More lights share the brightest. */
 static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light *lights)
 {
-    int due = 1, i, k;
+    int due = 1;
 
     envsamp__begin_regions(l, l->made > 0 ? ENVSAMP__DIM : ENVSAMP__ANY,
                            ENVSAMP_LIGHTS_DECOMPOSED);
@@ -8236,15 +8113,15 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
         if (l->count >= due) {
             double most[3] = { 0.0, 0.0, 0.0 }, term[3];
 
-            for (i = 0; i < l->count; i++) {
+            for (int i = 0; i < l->count; i++) {
                 envsamp__region_terms(l, &l->regions[l->heap.entries[i].item], term);
-                for (k = 0; k < 3 && l->heap.entries[i].key >= 0.0; k++)
+                for (int k = 0; k < 3 && l->heap.entries[i].key >= 0.0; k++)
                     most[k] = envsamp__max(most[k], term[k]);
             }
             l->weight[0] = (double)l->desc->weight_variance;
             l->weight[1] = (double)l->desc->weight_extent;
             l->weight[2] = (double)l->desc->weight_energy;
-            for (k = 0; k < 3; k++)
+            for (int k = 0; k < 3; k++)
                 l->weight[k] /= most[k] > 0.0 ? most[k] : 1.0;
             envsamp__sort_regions(l, ENVSAMP_LIGHTS_DECOMPOSED);
             due = l->count + 1 + l->count / 64;
@@ -8256,14 +8133,14 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
 
 static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
 {
-    int count = l->desc->count, k;
+    int count = l->desc->count;
 
     l->info.threshold = l->threshold;
     envsamp__make_directs(l, lights);
     l->info.direct_count = l->made;
     if (l->dim[0] > 0.0) {
         ENVSAMP_MEMSET(&l->total, 0, sizeof l->total);
-        for (k = 0; k < l->made; k++)
+        for (int k = 0; k < l->made; k++)
             envsamp__add_patch(&l->movers[k].sum, &l->total);
         envsamp__make_indirects(l, count - l->made, lights + l->made);
     } else {
@@ -8278,15 +8155,15 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
                                   const envsamp_lights_desc *desc, envsamp__arena *arena)
 {
     uint64_t texels = (uint64_t)image->width * (uint64_t)image->height;
-    int count = desc->count, moves, chooses, regions, side;
+    int count = desc->count;
 
     ENVSAMP_MEMSET(l, 0, sizeof *l);
     l->image = image;
     l->desc = desc;
-    moves = desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED;
-    chooses = desc->method == ENVSAMP_LIGHTS_HALFTONE || desc->method == ENVSAMP_LIGHTS_RANDOM;
+    int moves = desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED;
+    int chooses = desc->method == ENVSAMP_LIGHTS_HALFTONE || desc->method == ENVSAMP_LIGHTS_RANDOM;
     l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
-    regions = moves ? envsamp__max_int(l->most, count) : count;
+    int regions = moves ? envsamp__max_int(l->most, count) : count;
     l->row_sr = ENVSAMP__TAKE(double, arena, image->height);
     if (!chooses && image->mapping != ENVSAMP_OCTAHEDRAL
         && envsamp__max_int(image->width, image->height) <= 4096) {     /* else much scratch */
@@ -8296,8 +8173,8 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
 
     /* A patch has as few texels as the largest number of patches each way allows; it is narrower
        where that leaves few. */
-    side = chooses ? 1 : desc->method == ENVSAMP_LIGHTS_RELAXED ? ENVSAMP__PIECE_PATCHES
-                                                             : ENVSAMP__PATCHES_MAX;
+    int side = chooses ? 1 : desc->method == ENVSAMP_LIGHTS_RELAXED ? ENVSAMP__PIECE_PATCHES
+                                                                 : ENVSAMP__PATCHES_MAX;
     for (l->wide = 1; envsamp__max_int(image->width, image->height) > side * l->wide; )
         l->wide *= 2;
     for (l->tall = l->wide; l->tall > 1 && image->height <= side / 4 * l->tall; )
@@ -8336,9 +8213,9 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
 /* Lights of chosen texels: where `same` are one texel, steps of a golden ratio put them in it. */
 static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *lights)
 {
-    int count = l->desc->count, i, k, c, same;
+    int count = l->desc->count, same;
 
-    for (i = 0; i < count; i += same) {
+    for (int i = 0; i < count; i += same) {
         envsamp_texel texel = l->texels[i];
         double rgb[3], sr = l->total.luminance / (double)count
                           / envsamp__texel_value(l->image, texel.x, texel.y, rgb);
@@ -8347,7 +8224,7 @@ static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *light
         for (same = 1; i + same < count && l->texels[i + same].x == texel.x
                        && l->texels[i + same].y == texel.y; same++)
             continue;
-        for (k = 0; k < same; k++) {
+        for (int k = 0; k < same; k++) {
             double down = 0.5 + 0.61803398874989485 * (double)k;
             double across = ((double)k + 0.5) / (double)same;
             envsamp_light *light = &lights[i + k];
@@ -8357,7 +8234,7 @@ static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *light
                               (float)(((double)texel.x + across) / (double)l->image->width),
                               (float)(((double)texel.y + down) / (double)l->image->height),
                               light->dir);
-            for (c = 0; c < 3; c++)
+            for (int c = 0; c < 3; c++)
                 light->irradiance[c] = envsamp__to_float(rgb[c] * sr);
             light->solid_angle = (float)size;
             light->cos_extent = (float)(1.0 - size / (2.0 * ENVSAMP__PI));
@@ -8370,16 +8247,16 @@ static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *light
    has is shared out evenly. */
 static void envsamp__balance_lights(const envsamp__lights *l, envsamp_light *lights)
 {
-    int count = l->desc->count, c, i;
+    int count = l->desc->count;
 
-    for (c = 0; c < 3; c++) {
-        double sum = 0.0, scale, plus;
+    for (int c = 0; c < 3; c++) {
+        double sum = 0.0;
 
-        for (i = 0; i < count; i++)
+        for (int i = 0; i < count; i++)
             sum += (double)lights[i].irradiance[c];
-        scale = sum > 0.0 ? l->info.integral[c] / sum : 1.0;
-        plus = sum > 0.0 ? 0.0 : l->info.integral[c] / (double)count;
-        for (i = 0; i < count; i++)
+        double scale = sum > 0.0 ? l->info.integral[c] / sum : 1.0;
+        double plus = sum > 0.0 ? 0.0 : l->info.integral[c] / (double)count;
+        for (int i = 0; i < count; i++)
             lights[i].irradiance[c] = envsamp__to_float((double)lights[i].irradiance[c] * scale
                                                         + plus);
     }
@@ -8510,12 +8387,10 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     envsamp__arena arena = { NULL, 0 };
     envsamp__lights l;
     envsamp_sizes sizes;
-    envsamp_result result;
-    size_t bad;
 
     if (!image || !image->pixels || !mask)
         return ENVSAMP_ERR_NULL;
-    result = envsamp__image_check(image);
+    envsamp_result result = envsamp__image_check(image);
     if (result == ENVSAMP_OK && !envsamp__lights_good(&filled, 1))
         result = ENVSAMP_ERR_PARAM;
     if (result == ENVSAMP_OK)
@@ -8538,7 +8413,7 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
     if (result != ENVSAMP_OK)
         return result;
     envsamp__fill_row_sr(image, l.row_sr);
-    bad = envsamp__find_emission(&l);
+    size_t bad = envsamp__find_emission(&l);
     if (filled.strict && bad)
         return ENVSAMP_ERR_VALUE;
     if (!(l.dim[0] + l.bright[0] > 0.0))
@@ -8554,18 +8429,16 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
                                                      int set, int set_count, float extent,
                                                      uint32_t seed, envsamp_light *out)
 {
-    int i;
-
     if (!lights || !out)
         return ENVSAMP_ERR_NULL;
     if (count < 0 || set_count < 1 || set < 0 || set >= set_count
         || !envsamp__in_range(extent, 0.0f, 1.0f))
         return ENVSAMP_ERR_PARAM;
-    for (i = 0; i < count; i++) {
+    for (int i = 0; i < count; i++) {
         double x = (double)lights[i].dir[0], y = (double)lights[i].dir[1];
         double z = (double)lights[i].dir[2], sign = z < 0.0 ? -1.0 : 1.0;
         double a = -1.0 / (sign + z), b = x * y * a, sine, cosine, s, c, v[3];
-        double turn = envsamp__random(seed, 2 * (uint32_t)i), angle;
+        double turn = envsamp__random(seed, 2 * (uint32_t)i);
         double first = envsamp__random(seed, 2 * (uint32_t)i + 1) * (double)set_count;
         uint32_t rank = ((uint32_t)set + (uint32_t)first) % (uint32_t)set_count;
         float cone = lights[i].cos_extent;
@@ -8573,7 +8446,7 @@ ENVSAMP_DEF envsamp_result envsamp_lights_interleave(const envsamp_light *lights
         if (!envsamp__in_range(cone, envsamp__bits_float(0xff800000u), 1.0f))   /* -infinity */
             cone = 1.0f;                        /* a NaN, too: no cone */
         cone = cone > -1.0f ? cone : -1.0f;
-        angle = (double)envsamp__polar_fraction(1.0f - cone, 1.0f + cone) * (double)extent;
+        double angle = (double)envsamp__polar_fraction(1.0f - cone, 1.0f + cone) * (double)extent;
         angle *= ENVSAMP_SQRT(((double)rank + 0.5) / (double)set_count);
         envsamp__sincos_pi(angle, &sine, &cosine);
         turn += 0.61803398874989485 * (double)rank;
@@ -8637,12 +8510,11 @@ static double envsamp__lm_unit(const double *values, int count)
 /* |D x|, against which xtol and the rounding of x count; 0 where that is not finite. */
 static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
 {
-    double scaled[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, norm2;
-    int j;
+    double scaled[ENVSAMP__LM_MAX_PARAMS] = { 0.0 };
 
-    for (j = 0; j < lm->n; j++)
+    for (int j = 0; j < lm->n; j++)
         scaled[j] = lm->scale[j] * lm->params[j];
-    norm2 = envsamp__dot(scaled, scaled, lm->n);
+    double norm2 = envsamp__dot(scaled, scaled, lm->n);
     return envsamp__exponent(&norm2, 1) < 0x7ff ? ENVSAMP_SQRT(norm2) : 0.0;
 }
 
@@ -8651,18 +8523,15 @@ static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
 static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double *residuals,
                                    double *unit)
 {
-    double cost;
-    int i, exponent;
-
     if (envsamp__exponent(point, lm->n) == 0x7ff)
         return -1.0;
     lm->evaluations++;
     lm->fn(point, residuals, lm->user);
-    cost = envsamp__dot(residuals, residuals, lm->m);
-    exponent = envsamp__exponent(&cost, 1);
+    double cost = envsamp__dot(residuals, residuals, lm->m);
+    int exponent = envsamp__exponent(&cost, 1);
     if (*unit <= 0.0)
         *unit = exponent > 423 && exponent < 1623 ? 1.0 : envsamp__lm_unit(residuals, lm->m);
-    for (i = 0; i < lm->m; i++)
+    for (int i = 0; i < lm->m; i++)
         residuals[i] *= *unit;
     cost = envsamp__dot(residuals, residuals, lm->m);
     return *unit > 0.0 && envsamp__exponent(&cost, 1) < 0x7ff ? cost : -1.0;
@@ -8675,27 +8544,26 @@ static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double 
 static double envsamp__lm_difference(envsamp__lm *lm, int j, double scale, double h)
 {
     double point[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, *column = lm->column[j];
-    double unit, norm, noise, change;
-    int i;
+    double noise;
 
     ENVSAMP_MEMCPY(point, lm->params, (size_t)lm->n * sizeof(double));
     point[j] += h;
     if (envsamp__lm_evaluate(lm, point, column, &lm->unit) < 0.0)
         return -1.0;
     h = point[j] - lm->params[j];  /* what rounding left of it */
-    unit = envsamp__lm_unit(&h, 1);
+    double unit = envsamp__lm_unit(&h, 1);
     h *= unit;
-    for (i = 0; i < lm->m; i++)
+    for (int i = 0; i < lm->m; i++)
         column[i] = (column[i] - lm->residuals[i]) / h;
-    norm = ENVSAMP_SQRT(envsamp__dot(column, column, lm->m));
+    double norm = ENVSAMP_SQRT(envsamp__dot(column, column, lm->m));
     scale = envsamp__clamp(scale / unit, norm, norm * 1048576.0);
     lm->scale[j] = scale * unit;
     if (envsamp__exponent(&lm->scale[j], 1) == 0x7ff)
         return -1.0;
-    for (i = 0; i < lm->m && scale > 0.0; i++)
+    for (int i = 0; i < lm->m && scale > 0.0; i++)
         column[i] /= scale;
     noise = DBL_EPSILON * (1024.0 * ENVSAMP_SQRT(lm->cost) + 4.0 * envsamp__lm_scaled_norm(lm));
-    change = norm * ENVSAMP__FABS(h) / noise;
+    double change = norm * ENVSAMP__FABS(h) / noise;
     unit *= 1e-7 * ENVSAMP__FABS(lm->params[j]);
     return change > 4294967296.0 && ENVSAMP__FABS(h) > unit ? -1.0 : change;
 }
@@ -8710,13 +8578,13 @@ static void envsamp__lm_column(envsamp__lm *lm, int j)
     const double root = ENVSAMP_SQRT(DBL_EPSILON), fnorm = ENVSAMP_SQRT(lm->cost);
     const double scale = lm->scale[j], size = ENVSAMP__FABS(lm->params[j]);
     double h = size, low = DBL_MIN * root + DBL_EPSILON * size, wall = 0.0, factor = 65536.0;
-    int pass, moved = 0;
+    int moved = 0;
 
     if (scale > 0.0 && h < 1.0)
         h = envsamp__max(h, fnorm < scale ? fnorm / scale : 1.0);
     h *= lm->fine ? root / 8192.0 : root;
     h = h > 0.0 ? envsamp__max(h, DBL_MIN) : root;
-    for (pass = 0; pass < 26 && h > 1.001 * low; pass++) {
+    for (int pass = 0; pass < 26 && h > 1.001 * low; pass++) {
         double change = envsamp__lm_difference(lm, j, scale, pass & 1 ? -h : h);
 
         if (change > 1.0)
@@ -8740,21 +8608,19 @@ static void envsamp__lm_column(envsamp__lm *lm, int j)
    v below its first element and becomes I - beta v v^T. */
 static void envsamp__lm_triangle(double *const *column, int n, int m, double *rhs)
 {
-    int i, j, k;
-
-    for (k = 0; k < n; k++) {
-        double *v = column[k] + k, norm2 = envsamp__dot(v, v, m - k), norm, head;
+    for (int k = 0; k < n; k++) {
+        double *v = column[k] + k, norm2 = envsamp__dot(v, v, m - k);
 
         if (norm2 < DBL_MIN)    /* its reciprocal would overflow */
             continue;
-        norm = ENVSAMP_SQRT(norm2);
-        head = v[0] > 0.0 ? -norm : norm;
+        double norm = ENVSAMP_SQRT(norm2);
+        double head = v[0] > 0.0 ? -norm : norm;
         v[0] -= head;
-        for (j = k + 1; j <= n; j++) {
+        for (int j = k + 1; j <= n; j++) {
             double *target = (j < n ? column[j] : rhs) + k;
             double weight = envsamp__dot(v, target, m - k) / (norm * ENVSAMP__FABS(v[0]));
 
-            for (i = 0; i < m - k; i++)
+            for (int i = 0; i < m - k; i++)
                 target[i] -= weight * v[i];
         }
         v[0] = head;
@@ -8766,19 +8632,19 @@ static void envsamp__lm_triangle(double *const *column, int n, int m, double *rh
 static void envsamp__lm_linearise(envsamp__lm *lm)
 {
     double fnorm = ENVSAMP_SQRT(lm->cost);
-    int j, moving = 0;
+    int moving = 0;
 
     lm->stale = lm->hidden = 0;
     lm->cosine = 0.0;
     lm->converged = lm->stopped = fnorm <= DBL_MIN / 1048576.0 * lm->unit;
-    for (j = 0; j < lm->n && !lm->stopped; j++)
+    for (int j = 0; j < lm->n && !lm->stopped; j++)
         envsamp__lm_column(lm, j);
     if (lm->stopped)
         return;
     ENVSAMP_MEMCPY(lm->trial, lm->residuals, (size_t)lm->m * sizeof(double));
     envsamp__lm_triangle(lm->column, lm->n, lm->m, lm->trial);
     ENVSAMP_MEMCPY(lm->slope, lm->trial, (size_t)lm->n * sizeof(double));
-    for (j = 0; j < lm->n; j++) {
+    for (int j = 0; j < lm->n; j++) {
         double norm = ENVSAMP_SQRT(envsamp__dot(lm->column[j], lm->column[j], j + 1));
         double along = ENVSAMP__FABS(envsamp__dot(lm->column[j], lm->slope, j + 1));
 
@@ -8797,9 +8663,8 @@ static double envsamp__lm_solve(envsamp__lm *lm, double damping)
 {
     double memory[ENVSAMP__LM_MAX_PARAMS][2 * ENVSAMP__LM_MAX_PARAMS] = { { 0.0 } };
     double rhs[2 * ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, *column[ENVSAMP__LM_MAX_PARAMS] = { NULL };
-    int j, k;
 
-    for (k = 0; k < lm->n; k++) {
+    for (int k = 0; k < lm->n; k++) {
         column[k] = memory[k];
         ENVSAMP_MEMCPY(memory[k], lm->column[k], ((size_t)k + 1) * sizeof(double));
         if (envsamp__dot(memory[k], memory[k], k + 1) > 0.0)
@@ -8807,8 +8672,8 @@ static double envsamp__lm_solve(envsamp__lm *lm, double damping)
         rhs[k] = -lm->slope[k];
     }
     envsamp__lm_triangle(column, lm->n, 2 * lm->n, rhs);
-    for (k = lm->n - 1; k >= 0; k--) {
-        for (j = k + 1; j < lm->n; j++)
+    for (int k = lm->n - 1; k >= 0; k--) {
+        for (int j = k + 1; j < lm->n; j++)
             rhs[k] -= memory[j][k] * lm->step[j];
         lm->step[k] = memory[k][k] != 0.0 ? rhs[k] / memory[k][k] : 0.0;
     }
@@ -8826,24 +8691,24 @@ static void envsamp__lm_iterate(envsamp__lm *lm)
     double point[ENVSAMP__LM_MAX_PARAMS], *spent = lm->residuals, fnorm = ENVSAMP_SQRT(lm->cost);
     double low = ENVSAMP__LM_LEAST_DAMPING, high = lm->n * fnorm / lm->delta;
     double length = envsamp__lm_solve(lm, low), size = envsamp__lm_scaled_norm(lm);
-    double unit = 0.0, actual = -99.0, predicted, cost;
-    int i, j, pass = length > 1.1 * lm->delta ? 60 : 0;
+    double unit = 0.0, actual = -99.0;
+    int pass = length > 1.1 * lm->delta ? 60 : 0;
 
     for (; pass && ENVSAMP__FABS(length - lm->delta) > 0.001 * lm->delta; pass--) {
         length = envsamp__lm_solve(lm, ENVSAMP_SQRT(low) * ENVSAMP_SQRT(high));
         *(length > lm->delta ? &low : &high) = lm->damping;
     }
-    predicted = 2.0 * lm->damping * (length / fnorm) * (length / fnorm);
-    for (i = 0; i < lm->n; i++) {
+    double predicted = 2.0 * lm->damping * (length / fnorm) * (length / fnorm);
+    for (int i = 0; i < lm->n; i++) {
         double sum = 0.0;
 
-        for (j = i; j < lm->n; j++)
+        for (int j = i; j < lm->n; j++)
             sum += lm->column[j][i] * lm->step[j];
         predicted += sum * sum / lm->cost;
         point[i] = lm->params[i] + (lm->scale[i] > 0.0 ? lm->step[i] / lm->scale[i] : 0.0);
     }
     lm->iterations++;
-    cost = envsamp__lm_evaluate(lm, point, lm->trial, &unit);
+    double cost = envsamp__lm_evaluate(lm, point, lm->trial, &unit);
     if (cost >= 0.0)    /* ten times the residuals or more fail like what is not finite */
         actual = envsamp__max(1.0 - cost * (lm->unit / unit) * (lm->unit / unit) / lm->cost, -99.0);
     if (actual <= 0.25 * predicted)
@@ -8853,7 +8718,7 @@ static void envsamp__lm_iterate(envsamp__lm *lm)
     if (actual > 0.0 && actual >= 1e-4 * predicted) {
         lm->residuals = lm->trial;
         lm->trial = spent;
-        for (i = 0; i < lm->n; i++) {
+        for (int i = 0; i < lm->n; i++) {
             lm->params[i] = point[i];
             lm->scale[i] *= unit / lm->unit;
         }
@@ -8880,20 +8745,17 @@ static void envsamp__lm_iterate(envsamp__lm *lm)
 
 ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
 {
-    size_t row_bytes;
-    int i;
-
     if (!desc || desc->param_count < 1 || desc->param_count > ENVSAMP__LM_MAX_PARAMS
         || desc->residual_count < desc->param_count || desc->max_iterations < 0)
         return 0;
-    for (i = 0; i < 3; i++) {       /* tolerances: 0 or more, or infinite, but no NaN */
+    for (int i = 0; i < 3; i++) {        /* tolerances: 0 or more, or infinite, but no NaN */
         uint64_t bits = envsamp__double_bits(i == 0 ? &desc->ftol : i == 1 ? &desc->xtol
                                                                            : &desc->gtol);
 
         if (bits > (uint64_t)0x7ff << 52 && bits != (uint64_t)1 << 63)
             return 0;
     }
-    row_bytes = ((size_t)desc->param_count + 2) * sizeof(double);
+    size_t row_bytes = ((size_t)desc->param_count + 2) * sizeof(double);
     return (size_t)desc->residual_count > (size_t)-1 / row_bytes
         ? 0 : row_bytes * (size_t)desc->residual_count;
 }
@@ -8903,15 +8765,13 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
                                       envsamp_lm_info *info)
 {
     envsamp_sizes sizes = { 0, envsamp_lm_scratch_bytes(desc) };
-    int i, limit;
-    envsamp_result result;
     envsamp__lm lm;
 
     if (!desc || !fn || !params || !scratch.data)
         return ENVSAMP_ERR_NULL;
     if (sizes.scratch_bytes == 0)
         return ENVSAMP_ERR_PARAM;
-    result = envsamp__buffers_check(&sizes, scratch, scratch);
+    envsamp_result result = envsamp__buffers_check(&sizes, scratch, scratch);
     if (result != ENVSAMP_OK)
         return result;
 
@@ -8925,14 +8785,14 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
     lm.xtol = desc->xtol > 0.0 ? envsamp__max(desc->xtol, DBL_EPSILON) : 1e-12;
     lm.gtol = desc->gtol > 0.0 ? envsamp__max(desc->gtol, DBL_EPSILON) : 1e-12;
     lm.params = params;
-    for (i = 0; i < lm.n; i++)
+    for (int i = 0; i < lm.n; i++)
         lm.column[i] = (double *)scratch.data + (size_t)i * (size_t)lm.m;
     lm.residuals = lm.column[lm.n - 1] + lm.m;
     lm.trial = lm.residuals + lm.m;
     lm.cost = envsamp__lm_evaluate(&lm, params, lm.residuals, &lm.unit);
     if (lm.cost < 0.0)
         return ENVSAMP_ERR_VALUE;
-    limit = desc->max_iterations ? desc->max_iterations : 200;
+    int limit = desc->max_iterations ? desc->max_iterations : 200;
     while (!lm.stopped && lm.iterations < limit) {
         if (lm.stale)
             envsamp__lm_linearise(&lm);
