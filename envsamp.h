@@ -2335,20 +2335,21 @@ static inline void envsamp__cell(float a0, float a1, float c0, float c1, float d
     *variance = spread * (dm * dm) + tall * (rise * rise + spread * (dr * dr));
 }
 
-/* Scaled means and variances of four cells between knots `a` and `c` above and below a row. Where
-   the map is not bilinear, a[x] is cell x. */
-static inline void envsamp__cells(const envsamp__map *map, const float *a, const float *c,
-                                  float down, float tall, const float *at, const float *spread,
-                                  float *mean, float *variance)
+/* Scaled means and variances of `count` cells between knots `a` and `c` above and below a row, whole
+   along u if `at` is NULL. Where the map is not bilinear, a[x] is cell x. */
+static inline void envsamp__cells(const envsamp__map *map, int count, const float *a,
+                                  const float *c, float down, float tall, const float *at,
+                                  const float *spread, float *mean, float *variance)
 {
     float scale = map->scale;
 
     if (map->bilinear)
-        for (int x = 0; x < 4; x++)
+        for (int x = 0; x < count; x++)
             envsamp__cell(scale * a[x], scale * a[x + 1], scale * c[x], scale * c[x + 1], down,
-                          tall, at[x], spread[x], &mean[x], &variance[x]);
+                          tall, at ? at[x] : 0.5f, at ? spread[x] : 1.0f / 12.0f, &mean[x],
+                          &variance[x]);
     else
-        for (int x = 0; x < 4; x++) {
+        for (int x = 0; x < count; x++) {
             mean[x] = scale * a[x];
             variance[x] = 0.0f;
         }
@@ -2423,16 +2424,7 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
             for (int x = 0; x < count; x += 16) {
                 float mean[16], variance[16];
 
-                if (b)
-                    for (int i = 0; i < 16; i++)
-                        envsamp__cell(scale * a[x + i], scale * a[x + i + 1], scale * c[x + i],
-                                      scale * c[x + i + 1], down, tall, 0.5f, 1.0f / 12.0f,
-                                      mean + i, variance + i);
-                else
-                    for (int i = 0; i < 16; i++) {
-                        mean[i] = scale * a[x + i];
-                        variance[i] = 0.0f;
-                    }
+                envsamp__cells(map, 16, a + x, c + x, down, tall, NULL, NULL, mean, variance);
                 for (int i = 0; i < 16; i++) {
                     float above = a[x + i], below = c[x + i], most = peak[x + i];
 
@@ -2856,7 +2848,7 @@ static inline void envsamp__strip_cells(const envsamp__map *map, const envsamp__
     float scale = map->scale;
 
     if (strip->k == 0) {
-        envsamp__cells(map, a + strip->x0 + i, c + strip->x0 + i, down, tall, strip->at + i,
+        envsamp__cells(map, 4, a + strip->x0 + i, c + strip->x0 + i, down, tall, strip->at + i,
                        strip->spread + i, mean, variance);
     } else if (strip->k > 0) {
         for (int x = 0; x < 4; x++)
