@@ -2406,7 +2406,6 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
     envsamp__level *level = &map->levels[1];
     size_t cell = (size_t)cell_y * (size_t)level->width;
     int y0 = cell_y * 4, rows = envsamp__min(4, map->height - y0), b = map->bilinear;
-    float scale = map->scale;
 
     for (int x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
         int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
