@@ -408,8 +408,10 @@ static int draw_picture(const trial *t)
                            &t->panels[SOBOL][row][by], exposure, name);
         }
     mis_draw_panel(&canvas, last, SCENE_TITLE, reference, exposure, "REFERENCE");
-    picture_map(&canvas, last, SCENE_TITLE + ROW_HEIGHT, SCENE_WIDTH, SCENE_HEIGHT, &t->map, exposure);
-    picture_text(&canvas, last + 6, SCENE_TITLE + ROW_HEIGHT + SCENE_HEIGHT + 4, 2, white, "THE MAP");
+    picture_map(&canvas, last, SCENE_TITLE + ROW_HEIGHT, SCENE_WIDTH, SCENE_HEIGHT, &t->map,
+                exposure);
+    picture_text(&canvas, last + 6, SCENE_TITLE + ROW_HEIGHT + SCENE_HEIGHT + 4, 2, white,
+                 "THE MAP");
     MAKE_FOLDER(t->folder);          /* where it fails, so does the picture */
     snprintf(path, sizeof path, "%s/facing_%s.png", t->folder, t->name);
     ok = picture_write(&canvas, path, error, sizeof error);

@@ -2090,7 +2090,8 @@ static envsamp_result said(int method, int count, int rounds)
     desc.refine_rounds = rounds;
     first = envsamp_lights_sizes(&c.view, &desc, &sizes);
     result = envsamp_lights(&c.view, &desc, lights, 4, scratch.buffer, NULL);
-    agree = (first == result || (count == 0 && result == ENVSAMP_ERR_MEMORY)) && kd_guarded_intact(&scratch) && sizes.table_bytes == 0
+    agree = (first == result || (count == 0 && result == ENVSAMP_ERR_MEMORY))
+         && kd_guarded_intact(&scratch) && sizes.table_bytes == 0
          && (sizes.scratch_bytes > 0) == (first == ENVSAMP_OK);
     free(scratch.block);
     free(c.pixels);
@@ -2104,8 +2105,8 @@ static void test_numbers(int method)
 
     CHECK(said(method, 4, 64) == ENVSAMP_OK && said(method, 1, 0) == ENVSAMP_OK
           && said(method, 4, INT_MAX) == ENVSAMP_OK && said(method, 4, -1) == ENVSAMP_OK
-          && said(method, 4, INT_MIN) == ENVSAMP_OK && said(method, 0, 0) == ENVSAMP_ERR_MEMORY, "%s: counts and rounds that are right",
-          method_names[method]);
+          && said(method, 4, INT_MIN) == ENVSAMP_OK && said(method, 0, 0) == ENVSAMP_ERR_MEMORY,
+          "%s: counts and rounds that are right", method_names[method]);
     for (i = 0; i < 3; i++)
         refused += said(method, counts_wrong[i], 64) == ENVSAMP_ERR_PARAM;
     CHECK(refused == 3, "%s: %d of 3 counts are refused", method_names[method], refused);
