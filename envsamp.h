@@ -1599,23 +1599,60 @@ static size_t envsamp__read_luminance(const float *from, int channels, int count
     return bad;
 }
 
-/* ---- rows of an image ---- */
+/* ---- the map and its rows ---- */
 
-/* Where rows of luminance come from, one after the other. */
-typedef struct envsamp__source {
+/* Part of the map, in cells. */
+typedef struct envsamp__rect { double x0, y0, x1, y1; } envsamp__rect;
+
+/* A row of cells, or its part from `top` to `end`, which are 0 and 1 for the whole row. sr: solid
+   angle of a column of it one cell wide. Between values a and c above and below the row, the mean
+   over its part is a + at (c - a) and the variance spread (c - a)^2: radiance is linear in theta,
+   solid angle is not. */
+typedef struct envsamp__row_part { double sr, at, spread, top, end; } envsamp__row_part;
+
+typedef struct envsamp__level {
+    float *mean, *deviation;    /* of each cell: of level 0 neither these nor */
+    double *row_sr;             /* solid angle of a column one cell of level 0 wide, in each row */
+    int width, height, shift;
+} envsamp__level;
+
+/* What was read of a row of texels, and the scale of floats after it. */
+typedef struct envsamp__texel_row { double sum; float peak, scale; size_t bad; } envsamp__texel_row;
+
+#define ENVSAMP__WHOLE 0x4c4f4857u      /* "WHOL": marks scratch all of whose rows were read */
+
+/* A map as builds read it, row by row, and as cells: see @importance. */
+typedef struct envsamp__map {
     envsamp_image image;
+    envsamp_kd_desc desc;       /* cdf: the fields that it shares */
     envsamp_row_fn fn;          /* NULL: image.pixels */
     void *user;
     float *row;                 /* what fn fills */
     float *side[2];             /* octahedral, bilinear: first and last texel of every row */
-    int bilinear, strict;
-    int is_surveyed;            /* all rows are read once before a build begins */
-    float compensation, dim;    /* MIS compensation, and what is subtracted for it */
-    float exponent, power;      /* of importance; the power in force, 0 for none */
-    double integral;            /* of luminance, and its maximum, if the map was surveyed */
+    float compensation, dim;    /* in force: MIS compensation, what is subtracted for it, */
+    float power;                /* and the exponent of importance; 0: none */
+    double full_integral;       /* of all luminance, and its maximum, if the map was surveyed */
     float brightest;
     size_t bad_pixel_count;
-} envsamp__source;
+
+    int bilinear;
+    envsamp__rect bounds;       /* the whole map, in cells; it begins at the offset */
+    int width, height;          /* of level 0, in cells */
+    float *knots;               /* bilinear: width + 1 by height + 1; else the cells' luminance */
+    float *highest;             /* maxima of cells of level 1 */
+    size_t stride, knot_count;
+    envsamp__row_part *rows;    /* height */
+    envsamp__level levels[ENVSAMP__LEVELS];
+    int level_count;
+    double integral;            /* of what was read, */
+    float peak;                 /* and its maximum */
+    float scale;                /* of floats that are squared; unit is 1 / scale */
+    double unit;
+    envsamp__texel_row *texel_rows;     /* kd: of each row of texels */
+    int read_from, read_to;     /* rows of texels that a rebuild reads, the last not included */
+    int cells_from, cells_to;   /* rows of level 0 that change with them */
+    uint32_t whole;             /* ENVSAMP__WHOLE once all rows were read */
+} envsamp__map;
 
 /* Whether all rows are read once before a build begins. */
 static int envsamp__is_surveyed(const envsamp_image *image, const envsamp_kd_desc *desc)
@@ -1624,63 +1661,46 @@ static int envsamp__is_surveyed(const envsamp_image *image, const envsamp_kd_des
         || desc->mis_compensation > 0.0f || desc->importance_exponent != 1.0f;
 }
 
-/* Reads the fields that descriptions of kd and cdf share. */
-static void envsamp__source_carve(envsamp__source *source, const envsamp_image *image,
-                                  const envsamp_kd_desc *desc, envsamp__arena *arena)
-{
-    int folds = !desc->nearest && image->mapping == ENVSAMP_OCTAHEDRAL ? image->height : 0;
-
-    source->image = *image;
-    source->bilinear = !desc->nearest;
-    source->strict = desc->strict;
-    source->compensation = desc->mis_compensation;
-    source->exponent = desc->importance_exponent;
-    source->is_surveyed = envsamp__is_surveyed(image, desc);
-    source->row = ENVSAMP__TAKE(float, arena, (uint64_t)image->width * (uint64_t)image->channels);
-    source->side[0] = ENVSAMP__TAKE(float, arena, folds);
-    source->side[1] = ENVSAMP__TAKE(float, arena, folds);
-}
-
 /* What is left of a luminance after compensation, and that to the power in force, so that the
    brightest remains what it is and nothing lit becomes black. */
-static inline float envsamp__importance(const envsamp__source *source, float luminance)
+static inline float envsamp__importance(const envsamp__map *map, float luminance)
 {
-    float rest = luminance > source->dim ? luminance - source->dim : 0.0f;
-    double most = (double)source->brightest - (double)source->dim;
+    float rest = luminance > map->dim ? luminance - map->dim : 0.0f;
+    double most = (double)map->brightest - (double)map->dim;
 
-    if (!(source->power > 0.0f && rest > 0.0f && (double)rest < most))
+    if (!(map->power > 0.0f && rest > 0.0f && (double)rest < most))
         return rest;
-    float raised = (float)(most * envsamp__exp2((double)source->power
+    float raised = (float)(most * envsamp__exp2((double)map->power
                                                 * envsamp__log2((double)rest / most)));
     return raised > FLT_MIN ? raised : rest < FLT_MIN ? rest : FLT_MIN;
 }
 
 /* Luminance of a row of texels, or their importance. */
-static envsamp_result envsamp__source_row(envsamp__source *source, int y, float *luminance)
+static envsamp_result envsamp__read_row(envsamp__map *map, int y, float *luminance)
 {
-    const envsamp_image *image = &source->image;
-    const float *row = source->fn ? source->row : envsamp__pixel_at(image, 0, y);
-    envsamp_result result = source->fn ? source->fn(y, source->row, source->user) : ENVSAMP_OK;
+    const envsamp_image *image = &map->image;
+    const float *row = map->fn ? map->row : envsamp__pixel_at(image, 0, y);
+    envsamp_result result = map->fn ? map->fn(y, map->row, map->user) : ENVSAMP_OK;
 
     if (result != ENVSAMP_OK)
         return result;
-    source->bad_pixel_count = (y > 0 ? source->bad_pixel_count : 0)
+    map->bad_pixel_count = (y > 0 ? map->bad_pixel_count : 0)
                             + envsamp__read_luminance(row, image->channels, image->width,
                                                       luminance);
-    if (source->dim > 0.0f || source->power > 0.0f)
+    if (map->dim > 0.0f || map->power > 0.0f)
         for (int x = 0; x < image->width; x++)
-            luminance[x] = envsamp__importance(source, luminance[x]);
-    return source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
+            luminance[x] = envsamp__importance(map, luminance[x]);
+    return map->desc.strict && map->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
 /* The first and last knot of the line through row y, whose texels are at line[1] and on. They lie
    on the seam, or, on an octahedral map, between a texel and that of the mirrored row. */
-static void envsamp__end_line(const envsamp__source *source, int y, float *line)
+static void envsamp__end_line(const envsamp__map *map, int y, float *line)
 {
-    int width = source->image.width, mirrored = source->image.height - 1 - y;
-    int fold = source->image.mapping == ENVSAMP_OCTAHEDRAL;
-    float before = fold ? envsamp__importance(source, source->side[0][mirrored]) : line[width];
-    float after = fold ? envsamp__importance(source, source->side[1][mirrored]) : line[1];
+    int width = map->image.width, mirrored = map->image.height - 1 - y;
+    int fold = map->image.mapping == ENVSAMP_OCTAHEDRAL;
+    float before = fold ? envsamp__importance(map, map->side[0][mirrored]) : line[width];
+    float after = fold ? envsamp__importance(map, map->side[1][mirrored]) : line[1];
 
     line[0] = envsamp__half(line[1]) + envsamp__half(before);
     line[width + 1] = envsamp__half(line[width]) + envsamp__half(after);
@@ -1688,10 +1708,10 @@ static void envsamp__end_line(const envsamp__source *source, int y, float *line)
 
 /* The line of knots at the upper or lower border, next to the line `inner` through row y. The four
    corners of an octahedral map are one point. */
-static void envsamp__border_line(const envsamp__source *source, int y, int outside,
+static void envsamp__border_line(const envsamp__map *map, int y, int outside,
                                  const float *inner, float *line)
 {
-    const envsamp_image *image = &source->image;
+    const envsamp_image *image = &map->image;
     int width = image->width, mirrored = image->height - 1 - y;
 
     for (int x = 0; x < width; x++) {
@@ -1701,8 +1721,8 @@ static void envsamp__border_line(const envsamp__source *source, int y, int outsi
         line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
     }
     float corner = image->mapping != ENVSAMP_OCTAHEDRAL ? line[width]
-                 : envsamp__half(envsamp__importance(source, source->side[0][mirrored]))
-                 + envsamp__half(envsamp__importance(source, source->side[1][mirrored]));
+                 : envsamp__half(envsamp__importance(map, map->side[0][mirrored]))
+                 + envsamp__half(envsamp__importance(map, map->side[1][mirrored]));
     line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(corner);
 }
 
@@ -1792,50 +1812,6 @@ ENVSAMP_DEF void envsamp_lookup(const envsamp_image *image, int nearest, const f
 
 /* ---- coordinates and solid angles ---- */
 
-typedef struct envsamp__moments { double sum, square; } envsamp__moments;
-
-/* Part of the map, in cells. */
-typedef struct envsamp__rect { double x0, y0, x1, y1; } envsamp__rect;
-
-/* A row of cells, or its part from `top` to `end`, which are 0 and 1 for the whole row. sr: solid
-   angle of a column of it one cell wide. Between values a and c above and below the row, the mean
-   over its part is a + at (c - a) and the variance spread (c - a)^2: radiance is linear in theta,
-   solid angle is not. */
-typedef struct envsamp__row_part { double sr, at, spread, top, end; } envsamp__row_part;
-
-typedef struct envsamp__level {
-    float *mean, *deviation;    /* of each cell: of level 0 neither these nor */
-    double *row_sr;             /* solid angle of a column one cell of level 0 wide, in each row */
-    int width, height, shift;
-} envsamp__level;
-
-/* What was read of a row of texels, and the scale of floats after it. */
-typedef struct envsamp__texel_row { double sum; float peak, scale; size_t bad; } envsamp__texel_row;
-
-#define ENVSAMP__WHOLE 0x4c4f4857u      /* "WHOL": marks scratch all of whose rows were read */
-
-typedef struct envsamp__map {
-    envsamp_mapping mapping;
-    int image_width, image_height;
-    int bilinear;
-    envsamp__rect bounds;       /* the whole map, in cells; it begins at the offset */
-    int width, height;          /* of level 0, in cells */
-    float *knots;               /* bilinear: width + 1 by height + 1; else the cells' luminance */
-    float *highest;             /* maxima of cells of level 1 */
-    size_t stride, knot_count;
-    envsamp__row_part *rows;    /* height */
-    envsamp__level levels[ENVSAMP__LEVELS];
-    int level_count;
-    double integral;
-    float peak;                 /* maximum of what was read */
-    float scale;                /* of floats that are squared; unit is 1 / scale */
-    double unit;
-    envsamp__texel_row *texel_rows;     /* kd: of each row of texels */
-    int read_from, read_to;     /* rows of texels that a rebuild reads, the last not included */
-    int cells_from, cells_to;   /* rows of level 0 that change with them */
-    uint32_t whole;             /* ENVSAMP__WHOLE once all rows were read */
-} envsamp__map;
-
 /* Where cells begin and end, along axis 0 or 1: those of the border are half as wide. */
 static inline double envsamp__cell_edge(const envsamp__map *map, int i, int axis)
 {
@@ -1849,13 +1825,13 @@ typedef struct envsamp__polar { double cap; int south; } envsamp__polar;
 
 static envsamp__polar envsamp__polar_at(const envsamp__map *map, double y)
 {
-    double down = y - map->bounds.y0, height = (double)map->image_height, sine, cosine;
+    double down = y - map->bounds.y0, height = (double)map->image.height, sine, cosine;
     envsamp__polar p;
 
-    p.south = map->mapping == ENVSAMP_LATLONG && down > 0.5 * height;
+    p.south = map->image.mapping == ENVSAMP_LATLONG && down > 0.5 * height;
     p.cap = p.south ? 1.0 - down / height : down / height;
-    if (map->mapping != ENVSAMP_OCTAHEDRAL) {
-        envsamp__sincos_pi(map->mapping == ENVSAMP_LATLONG ? 0.5 * p.cap : 0.25 * p.cap,
+    if (map->image.mapping != ENVSAMP_OCTAHEDRAL) {
+        envsamp__sincos_pi(map->image.mapping == ENVSAMP_LATLONG ? 0.5 * p.cap : 0.25 * p.cap,
                            &sine, &cosine);
         p.cap = 2.0 * sine * sine;
     }
@@ -1882,7 +1858,7 @@ static double envsamp__rows_sr(const envsamp__map *map, double y0, double y1)
 {
     envsamp__polar a = envsamp__polar_at(map, y0), b = envsamp__polar_at(map, y1);
 
-    return envsamp__unit_sr((uint32_t)map->mapping) / (double)map->image_width
+    return envsamp__unit_sr((uint32_t)map->image.mapping) / (double)map->image.width
          * envsamp__cap_between(a.cap, a.south, b.cap, b.south);
 }
 
@@ -1906,8 +1882,9 @@ static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, do
         return part;
     }
     part.sr = envsamp__rows_sr(map, y0, y1);
-    if (map->mapping != ENVSAMP_OCTAHEDRAL) {
-        double turn = (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5) / (double)map->image_height;
+    if (map->image.mapping != ENVSAMP_OCTAHEDRAL) {
+        double turn = (map->image.mapping == ENVSAMP_LATLONG ? 1.0 : 0.5)
+                    / (double)map->image.height;
         double h = ENVSAMP__PI * 0.5 * (y1 - y0) * turn, t = h * h, sine, cosine, fraction;
 
         if (h < 0.1) {                  /* (1 - h cot h) / h^2 */
@@ -1936,7 +1913,7 @@ static double envsamp__texel_sr(const envsamp__map *map, int y)
     double sr = above->sr * above->at + below->sr * (1.0 - below->at);
     if (y == 0)
         sr += above->sr * (1.0 - above->at);
-    if (y + 1 == map->image_height)
+    if (y + 1 == map->image.height)
         sr += below->sr * below->at;
     return sr;
 }
@@ -1948,7 +1925,7 @@ static double envsamp__texel_sr(const envsamp__map *map, int y)
 static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
 {
     if (axis == 0)
-        return (float)((at - map->bounds.x0) / (double)map->image_width);
+        return (float)((at - map->bounds.x0) / (double)map->image.width);
     envsamp__polar p = envsamp__polar_at(map, at);
     return envsamp__with_sign((float)p.cap, p.south);
 }
@@ -1975,17 +1952,17 @@ static int envsamp__store_cut(const envsamp__map *map, const envsamp__rect *rect
     if (envsamp__edge_key(envsamp__stored_edge(map, whole, axis)) == key) {
         *at = whole;
     } else if (axis == 0) {
-        *at = edge * (double)map->image_width + map->bounds.x0;
-    } else if (map->mapping == ENVSAMP_OCTAHEDRAL) {
-        *at = edge * (double)map->image_height + map->bounds.y0;
+        *at = edge * (double)map->image.width + map->bounds.x0;
+    } else if (map->image.mapping == ENVSAMP_OCTAHEDRAL) {
+        *at = edge * (double)map->image.height + map->bounds.y0;
     } else {                                /* a step of Newton's */
         envsamp__polar p = envsamp__polar_at(map, *at);
 
-        double range = ENVSAMP__PI * (map->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
+        double range = ENVSAMP__PI * (map->image.mapping == ENVSAMP_LATLONG ? 1.0 : 0.5);
         double sine = ENVSAMP_SQRT(p.cap * (2.0 - p.cap));
         if (sine > 0.0)
             *at += (p.south ? p.cap - edge : edge - p.cap)
-                 / (sine * range / (double)map->image_height);
+                 / (sine * range / (double)map->image.height);
         *at = envsamp__clamp(*at, map->bounds.y0, map->bounds.y1);
     }
     key = envsamp__edge_key(envsamp__stored_edge(map, *at, axis));
@@ -2262,11 +2239,10 @@ ENVSAMP__MATH double envsamp__exact_between(envsamp__exact e, float y0, float y1
  * ========================================================================================== */
 
 /* Begins to read: makes rows, and solid angles of the rows of every level. */
-static void envsamp__source_begin(envsamp__source *source, envsamp__map *map, envsamp_row_fn fn,
-                                  void *user)
+static void envsamp__map_begin(envsamp__map *map, envsamp_row_fn fn, void *user)
 {
-    source->fn = fn;
-    source->user = user;
+    map->fn = fn;
+    map->user = user;
     ENVSAMP_MEMSET(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
     for (int y = 0; y < map->height; y++)
         map->rows[y] = envsamp__part_of_row(map, y, envsamp__cell_edge(map, y, 1),
@@ -2287,30 +2263,30 @@ static void envsamp__source_begin(envsamp__source *source, envsamp__map *map, en
 /* Reads a row ahead of the build, with memory for one row of luminance. After the last one it puts
    compensation and exponent in force. Compensation [8] subtracts nothing where nothing or only
    rounding would be left of a map. */
-static envsamp_result envsamp__survey_row(envsamp__source *source, const envsamp__map *map, int y,
-                                          float *luminance)
+static envsamp_result envsamp__survey_row(envsamp__map *map, int y, float *luminance)
 {
-    envsamp_result result = envsamp__source_row(source, y, luminance);
-    int folds = source->bilinear && map->mapping == ENVSAMP_OCTAHEDRAL;
-    double sum = 0.0, whole_sr = (map->mapping == ENVSAMP_LATLONG ? 2.0 : 1.0)
-                               * envsamp__unit_sr((uint32_t)map->mapping);
+    envsamp_result result = envsamp__read_row(map, y, luminance);
+    int folds = map->bilinear && map->image.mapping == ENVSAMP_OCTAHEDRAL;
+    double sum = 0.0, whole_sr = (map->image.mapping == ENVSAMP_LATLONG ? 2.0 : 1.0)
+                               * envsamp__unit_sr((uint32_t)map->image.mapping);
 
     if (result != ENVSAMP_OK)
         return result;
-    for (int x = 0; x < map->image_width; x++) {
+    for (int x = 0; x < map->image.width; x++) {
         sum += (double)luminance[x];
-        source->brightest = luminance[x] > source->brightest ? luminance[x] : source->brightest;
+        map->brightest = luminance[x] > map->brightest ? luminance[x] : map->brightest;
     }
-    source->integral += sum * envsamp__texel_sr(map, y);
+    map->full_integral += sum * envsamp__texel_sr(map, y);
     for (int i = 0; i < 2 && folds; i++)
-        source->side[i][y] = luminance[i ? map->image_width - 1 : 0];
-    if (y + 1 < map->image_height)
+        map->side[i][y] = luminance[i ? map->image.width - 1 : 0];
+    if (y + 1 < map->image.height)
         return ENVSAMP_OK;
-    float dim = (float)((double)source->compensation * source->integral / whole_sr);
-    if (!((double)source->brightest > 1.0001 * (double)dim))
-        source->compensation = dim = 0.0f;
-    source->dim = dim;
-    source->power = source->exponent != 1.0f ? source->exponent : 0.0f;
+    float dim = (float)((double)map->desc.mis_compensation * map->full_integral / whole_sr);
+    if ((double)map->brightest > 1.0001 * (double)dim) {
+        map->compensation = map->desc.mis_compensation;
+        map->dim = dim;
+    }
+    map->power = map->desc.importance_exponent != 1.0f ? map->desc.importance_exponent : 0.0f;
     return ENVSAMP_OK;
 }
 
@@ -2335,8 +2311,8 @@ static inline void envsamp__cell(float a0, float a1, float c0, float c1, float d
     *variance = spread * (dm * dm) + tall * (rise * rise + spread * (dr * dr));
 }
 
-/* Scaled means and variances of `count` cells between knots `a` and `c` above and below a row, whole
-   along u if `at` is NULL. Where the map is not bilinear, a[x] is cell x. */
+/* Scaled means and variances of `count` cells between knots `a` and `c` above and below a row; they
+   are whole along u if `at` is NULL. Where the map is not bilinear, a[x] is cell x. */
 static inline void envsamp__cells(const envsamp__map *map, int count, const float *a,
                                   const float *c, float down, float tall, const float *at,
                                   const float *spread, float *mean, float *variance)
@@ -2356,6 +2332,8 @@ static inline void envsamp__cells(const envsamp__map *map, int count, const floa
 }
 
 #define ENVSAMP__SPLIT_CELLS ENVSAMP__TOP   /* read for one split; others: bench/experiments.md */
+
+typedef struct envsamp__moments { double sum, square; } envsamp__moments;
 
 /* Sums along one axis of a block, in bins. */
 typedef struct envsamp__profile {
@@ -2503,12 +2481,12 @@ static void envsamp__add_row(envsamp__map *map, int y, envsamp__texel_row *row)
 
 /* Reads a row of texels, adds its light, and completes its line of knots, and with the first and
    the last row those of the borders beside it. `row` gets what was read. */
-static envsamp_result envsamp__map_line(envsamp__map *map, envsamp__source *source, int y,
-                                        float *line, envsamp__texel_row *row)
+static envsamp_result envsamp__map_line(envsamp__map *map, int y, float *line,
+                                        envsamp__texel_row *row)
 {
     const float *texel = line + map->bilinear;
-    size_t bad = y > 0 ? source->bad_pixel_count : 0;
-    envsamp_result result = envsamp__source_row(source, y, line + map->bilinear);
+    size_t bad = y > 0 ? map->bad_pixel_count : 0;
+    envsamp_result result = envsamp__read_row(map, y, line + map->bilinear);
     double sum[4] = { 0.0 };            /* so that one addition need not wait for the last */
     float peak[4];
     int x;
@@ -2516,14 +2494,14 @@ static envsamp_result envsamp__map_line(envsamp__map *map, envsamp__source *sour
     if (result != ENVSAMP_OK)
         return result;
     for (int i = 0; i < 4; i++)
-        peak[i] = y > 0 ? 0.0f : source->brightest;     /* a fold mixes rows */
-    for (x = 0; x + 4 <= map->image_width; x += 4) {
+        peak[i] = y > 0 ? 0.0f : map->brightest;     /* a fold mixes rows */
+    for (x = 0; x + 4 <= map->image.width; x += 4) {
         for (int i = 0; i < 4; i++)
             sum[i] += (double)texel[x + i];
         for (int i = 0; i < 4; i++)
             peak[i] = texel[x + i] > peak[i] ? texel[x + i] : peak[i];
     }
-    for (; x < map->image_width; x++) {
+    for (; x < map->image.width; x++) {
         sum[0] += (double)texel[x];
         peak[0] = texel[x] > peak[0] ? texel[x] : peak[0];
     }
@@ -2531,14 +2509,14 @@ static envsamp_result envsamp__map_line(envsamp__map *map, envsamp__source *sour
         peak[0] = peak[i] > peak[0] ? peak[i] : peak[0];
     row->peak = peak[0];
     row->sum = (sum[0] + sum[1]) + (sum[2] + sum[3]);
-    row->bad = source->bad_pixel_count - bad;
+    row->bad = map->bad_pixel_count - bad;
     envsamp__add_row(map, y, row);
     if (map->bilinear) {
-        envsamp__end_line(source, y, line);
+        envsamp__end_line(map, y, line);
         if (y == 0)
-            envsamp__border_line(source, y, -1, line, line - map->stride);
-        if (y + 1 == map->image_height)
-            envsamp__border_line(source, y, map->image_height, line, line + map->stride);
+            envsamp__border_line(map, y, -1, line, line - map->stride);
+        if (y + 1 == map->image.height)
+            envsamp__border_line(map, y, map->image.height, line, line + map->stride);
     }
     return ENVSAMP_OK;
 }
@@ -2553,25 +2531,25 @@ static int envsamp__is_stale(const envsamp__map *map, int k, int y)
 
 /* Reads a row of texels, or, in a rebuild, takes what was read of it before, and makes the cells of
    level 1 that are complete with it. With another scale cells differ in what underflows. */
-static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *source, int y)
+static envsamp_result envsamp__map_row(envsamp__map *map, int y)
 {
-    int last = y + 1 == map->image_height, rows = last ? map->height : y + 1, cell_y = y / 4;
+    int last = y + 1 == map->image.height, rows = last ? map->height : y + 1, cell_y = y / 4;
     float *line = map->knots + (size_t)(y + map->bilinear) * map->stride;
     envsamp__texel_row *row = &map->texel_rows[y];
     envsamp_result result = ENVSAMP_OK;
 
     if (y >= map->read_from && y < map->read_to) {
-        result = envsamp__map_line(map, source, y, line, row);
+        result = envsamp__map_line(map, y, line, row);
     } else {
         float scale = row->scale;
 
-        source->bad_pixel_count += row->bad;
+        map->bad_pixel_count += row->bad;
         envsamp__add_row(map, y, row);
         if (row->scale != scale) {
             map->cells_from = envsamp__min(map->cells_from, y);
             map->cells_to = map->height;
         }
-        result = source->strict && source->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
+        result = map->desc.strict && map->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
     }
     if (result != ENVSAMP_OK)
         return result;
@@ -2584,15 +2562,19 @@ static envsamp_result envsamp__map_row(envsamp__map *map, envsamp__source *sourc
 
 /* With `lines` 0 there is memory for all knots and the pyramid, else for `lines` lines of knots.
    The coarsest level has ENVSAMP__TOP cells at most. */
-static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, int bilinear,
-                               uint64_t lines, envsamp__arena *arena)
+static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image,
+                               const envsamp_kd_desc *desc, uint64_t lines, envsamp__arena *arena)
 {
+    int bilinear = !desc->nearest;
+    int folds = bilinear && image->mapping == ENVSAMP_OCTAHEDRAL ? image->height : 0;
     double offset = bilinear ? 0.5 : 0.0;
     int k = 0;
 
-    map->mapping = image->mapping;
-    map->image_width = image->width;
-    map->image_height = image->height;
+    map->image = *image;
+    map->desc = *desc;
+    map->row = ENVSAMP__TAKE(float, arena, (uint64_t)image->width * (uint64_t)image->channels);
+    map->side[0] = ENVSAMP__TAKE(float, arena, folds);
+    map->side[1] = ENVSAMP__TAKE(float, arena, folds);
     map->bilinear = bilinear;
     map->bounds.x0 = map->bounds.y0 = offset;
     map->bounds.x1 = (double)image->width + offset;
@@ -2604,7 +2586,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image, in
     map->read_from = map->cells_from = 0;
     map->read_to = map->cells_to = map->height;
     map->rows = ENVSAMP__TAKE(envsamp__row_part, arena, map->height);
-    map->texel_rows = ENVSAMP__TAKE(envsamp__texel_row, arena, lines ? 0 : map->image_height);
+    map->texel_rows = ENVSAMP__TAKE(envsamp__texel_row, arena, lines ? 0 : map->image.height);
     for (map->level_count = 0; !lines; k++) {
         envsamp__level *level = &map->levels[k];
 
@@ -3355,7 +3337,7 @@ static void envsamp__crown_end(envsamp__tree *tree)
    within 8 times, in texels, since tiles that are longer are slow to read. */
 static int envsamp__crown_columns(const envsamp__tree *tree, int cuts)
 {
-    int64_t across = tree->map->image_width, down = tree->map->image_height;
+    int64_t across = tree->map->image.width, down = tree->map->image.height;
     int x = (cuts + 1) / 2;
 
     while (!tree->alternate && x > 0 && cuts - x < 10 && down << x > across << (cuts - x + 3))
@@ -3894,7 +3876,6 @@ typedef enum envsamp__phase {
 /* What the jobs of kd and cdf begin with. */
 typedef struct envsamp__job envsamp__job;
 struct envsamp__job {
-    envsamp__source source;
     envsamp__map map;
     void *table;
     envsamp_result result;
@@ -3913,8 +3894,7 @@ static void envsamp__job_carve(envsamp__job *job, size_t bytes, const envsamp_im
 {
     ENVSAMP_MEMSET(job, 0, bytes);
     envsamp__take(arena, 1, bytes);
-    envsamp__source_carve(&job->source, image, desc, arena);
-    envsamp__map_carve(&job->map, image, !desc->nearest, lines, arena);
+    envsamp__map_carve(&job->map, image, desc, lines, arena);
 }
 
 static envsamp_result envsamp__job_check(const envsamp_image *image, envsamp_row_fn fn,
@@ -3932,17 +3912,18 @@ static void envsamp__job_start(envsamp__job *job, void *table, uint32_t magic,
     job->table = table;
     job->magic = magic;
     job->work = work;
-    job->phase = job->source.is_surveyed ? ENVSAMP__SURVEY : ENVSAMP__ROWS;
-    envsamp__source_begin(&job->source, &job->map, fn, user);
+    job->phase = envsamp__is_surveyed(&job->map.image, &job->map.desc)
+               ? ENVSAMP__SURVEY : ENVSAMP__ROWS;
+    envsamp__map_begin(&job->map, fn, user);
 }
 
 /* Once draws are chosen by a power of luminance, starts to read the rows again, without the power,
    for the figures of the table. Returns 0, and does nothing, where no power is in force. */
 static int envsamp__job_reread(envsamp__job *job)
 {
-    if (!(job->source.power > 0.0f))
+    if (!(job->map.power > 0.0f))
         return 0;
-    job->source.power = 0.0f;
+    job->map.power = 0.0f;
     job->map.integral = 0.0;
     job->is_reread = 1;
     job->phase = ENVSAMP__SURVEY;       /* ROWS is next */
@@ -3958,8 +3939,8 @@ static envsamp_result envsamp__job_step(envsamp__job *job, int count, int *done)
         int item = job->next++;
 
         if (job->phase == ENVSAMP__SURVEY) {
-            job->result = envsamp__survey_row(&job->source, &job->map, item, job->map.knots);
-            more = item + 1 < job->map.image_height;
+            job->result = envsamp__survey_row(&job->map, item, job->map.knots);
+            more = item + 1 < job->map.image.height;
         } else if (job->phase == ENVSAMP__CHECKSUM) {
             ENVSAMP_MEMCPY(&head, job->table, sizeof head);
             more = envsamp__check_add(job->table, ENVSAMP__SUMMED, &job->sums, &head.checksum);
@@ -3995,7 +3976,6 @@ typedef struct envsamp__facing_sum { float cut[4], area, first[3], second[6]; } 
 struct envsamp_kd_job {
     envsamp__job base;
     envsamp__tree tree;
-    envsamp_kd_desc desc;
     int level, block_limit;         /* PYRAMID: the level that is made */
     int crown_blocks;               /* WARP: sets the size of the crown; 0: not known yet */
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
@@ -4021,7 +4001,6 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     envsamp__tree *tree = &job->tree;
 
     envsamp__job_carve(&job->base, sizeof *job, image, desc, 0, arena);
-    job->desc = *desc;
     job->block_limit = (int)count;
     tree->map = &job->base.map;
     tree->criterion = desc->criterion;
@@ -4085,7 +4064,7 @@ static uint32_t envsamp__number_nodes(envsamp_kd_job *job)
 
 static float envsamp__tree_cut(const envsamp__map *map, const envsamp__cut *cut)
 {
-    return envsamp__node_cut(map->mapping, envsamp__stored_edge(map, cut->at, cut->axis),
+    return envsamp__node_cut(map->image.mapping, envsamp__stored_edge(map, cut->at, cut->axis),
                              cut->axis);
 }
 
@@ -4474,8 +4453,9 @@ static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
 /* Sorts blocks by their weights, fits the model, and takes their probabilities from it. */
 static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
 {
+    const envsamp__map *map = &job->base.map;
     const envsamp__tree *tree = &job->tree;
-    envsamp__fit fit = { job->desc.model, job->desc.objective, 0, job->target, job->weight,
+    envsamp__fit fit = { map->desc.model, map->desc.objective, 0, job->target, job->weight,
                          job->lm_scratch };
     double *key = job->probability, total = 0.0, error;
 
@@ -4536,7 +4516,6 @@ static void envsamp__write_block(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i
 /* One more tile of WARP, or block; after the last all arrays but the grid. Returns 0 at the end. */
 static int envsamp__write_arrays(envsamp_kd_job *job, envsamp_kd *kd, uint32_t item)
 {
-    const envsamp__source *source = &job->base.source;
     const envsamp__map *map = &job->base.map;
 
     if (kd->select == ENVSAMP_KD_WARP)
@@ -4547,10 +4526,10 @@ static int envsamp__write_arrays(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i
         return 1;
     if (kd->select == ENVSAMP_KD_WARP)
         kd->block_count = kd->drawn_count = envsamp__tile_count(kd) + job->cut_count;
-    kd->integral = source->compensation > 0.0f ? source->integral : map->integral;
+    kd->integral = map->compensation > 0.0f ? map->full_integral : map->integral;
     kd->excess_variance = envsamp__excess(job->second, map->integral);
-    kd->mis_compensation = source->compensation;
-    kd->bad_pixel_count = source->bad_pixel_count;
+    kd->mis_compensation = map->compensation;
+    kd->bad_pixel_count = map->bad_pixel_count;
     kd->node_count = envsamp__number_nodes(job);
     envsamp__kd_layout(kd);
     if (kd->select == ENVSAMP_KD_ALIAS)
@@ -4565,8 +4544,8 @@ static int envsamp__write_arrays(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i
 /* What the header says of the build, and how often blocks are drawn. */
 static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
 {
-    const envsamp__source *source = &job->base.source;
-    const envsamp_kd_desc *desc = &job->desc;
+    const envsamp__map *map = &job->base.map;
+    const envsamp_kd_desc *desc = &map->desc;
     envsamp__tree *tree = &job->tree;
     double *q = job->probability;
     int fit_l1 = desc->select == ENVSAMP_KD_FIT && desc->objective != ENVSAMP_KD_CHI2;
@@ -4575,9 +4554,9 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
     kd->select = desc->select;
     kd->model = desc->model;
     kd->criterion = desc->criterion;
-    kd->mapping = source->image.mapping;
-    kd->width = (uint32_t)source->image.width;
-    kd->height = (uint32_t)source->image.height;
+    kd->mapping = map->image.mapping;
+    kd->width = (uint32_t)map->image.width;
+    kd->height = (uint32_t)map->image.height;
     kd->bilinear = !desc->nearest;
     kd->block_count = kd->drawn_count = (uint32_t)tree->block_count;
     for (int i = 0; i < tree->block_count; i++) {
@@ -4675,20 +4654,21 @@ static int envsamp__kd_work(void *work, int item)
     envsamp_kd *kd = (envsamp_kd *)base->table;
     envsamp__map *map = &base->map;
     envsamp__tree *tree = &job->tree;
-    double target = (double)job->desc.excess_target;
+    const envsamp_kd_desc *desc = &map->desc;
+    double target = (double)desc->excess_target;
     envsamp__level *level;
 
     switch (base->phase) {
     case ENVSAMP__ROWS:
-        base->result = envsamp__map_row(map, &base->source, item);
-        if (item + 1 < map->image_height)
+        base->result = envsamp__map_row(map, item);
+        if (item + 1 < map->image.height)
             return 1;
         if (base->result == ENVSAMP_OK && !(map->integral > 0.0))
             base->result = ENVSAMP_ERR_BLACK;
         job->level = 2;
         tree->q_wanted = target > 0.0 ? map->integral * ENVSAMP_SQRT(1.0 + target) : -1.0;
         job->crown_blocks = job->block_limit;
-        if (target > 0.0 && job->desc.select == ENVSAMP_KD_WARP && !job->desc.facing)
+        if (target > 0.0 && desc->select == ENVSAMP_KD_WARP && !desc->facing)
             job->crown_blocks = 0;
         return 0;
     case ENVSAMP__PYRAMID:
@@ -4706,9 +4686,9 @@ static int envsamp__kd_work(void *work, int item)
         return 1;
     case ENVSAMP__CROWN:
         if (item == 0)
-            envsamp__crown_begin(tree, job->desc.select != ENVSAMP_KD_WARP ? 0
+            envsamp__crown_begin(tree, desc->select != ENVSAMP_KD_WARP ? 0
                                        : envsamp__most_tile_bits(job->crown_blocks),
-                                 job->desc.facing);
+                                 desc->facing);
         return envsamp__crown_step(tree);
     case ENVSAMP__TILES:
         envsamp__heap_push(&tree->heap, envsamp__search_block(tree, &tree->blocks[item]),
@@ -4743,12 +4723,12 @@ static int envsamp__kd_work(void *work, int item)
 /* Whether a job has read all of a map, as it is, whose cells lie in scratch as those of `image`. */
 static int envsamp__has_cells(const envsamp_kd_job *last, const envsamp_image *image, int nearest)
 {
-    const envsamp__source *source = &last->base.source;
+    const envsamp__map *map = &last->base.map;
 
-    return last->base.map.whole == ENVSAMP__WHOLE && source->bilinear == !nearest
-        && source->image.width == image->width && source->image.height == image->height
-        && source->image.channels == image->channels && source->image.mapping == image->mapping
-        && !source->is_surveyed;
+    return map->whole == ENVSAMP__WHOLE && map->bilinear == !nearest
+        && map->image.width == image->width && map->image.height == image->height
+        && map->image.channels == image->channels && map->image.mapping == image->mapping
+        && !envsamp__is_surveyed(&map->image, &map->desc);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, envsamp_row_fn fn,
@@ -6113,11 +6093,11 @@ static int envsamp__cdf_work(void *work, int item)
     float *above = map->knots, *line = above + (map->bilinear ? map->stride : 0);
     envsamp__texel_row row;
 
-    base->result = envsamp__map_line(map, &base->source, item, line, &row);
+    base->result = envsamp__map_line(map, item, line, &row);
     if (base->result != ENVSAMP_OK)
         return 1;
     envsamp__cdf_write_row(job, item, above);
-    if (item + 1 < map->image_height) {
+    if (item + 1 < map->image.height) {
         if (map->bilinear)
             ENVSAMP_MEMCPY(above, line, map->stride * sizeof(float));
         return 1;
@@ -6131,9 +6111,9 @@ static int envsamp__cdf_work(void *work, int item)
     if (envsamp__job_reread(base))
         return 0;
     envsamp__cdf_write_rows(job, cdf);
-    cdf->integral = base->source.compensation > 0.0f ? base->source.integral : map->integral;
-    cdf->mis_compensation = base->source.compensation;
-    cdf->bad_pixel_count = base->source.bad_pixel_count;
+    cdf->integral = map->compensation > 0.0f ? map->full_integral : map->integral;
+    cdf->mis_compensation = map->compensation;
+    cdf->bad_pixel_count = map->bad_pixel_count;
     base->phase = (envsamp__phase)(ENVSAMP__CHECKSUM - 1);
     return 0;
 }
