@@ -884,7 +884,15 @@ ENVSAMP_DEF envsamp_result envsamp_lm(const envsamp_lm_desc *desc, envsamp_lm_fn
 
 /* ============================================================================================
  * Stop here if you only want to use the library. Below: how it works, in reading order. Each
- * section calls only sections above it.
+ * section calls only sections above it. Search for
+ *
+ *     @math         own sines and logarithms     @kd-probabilities  alias table, fit
+ *     @images       memory, pixels, rows         @kd-table          layout, the build, open
+ *     @coordinates  edges, directions, u and v   @kd-sampling       samples, densities, inverse
+ *     @importance   cells and their pyramid      @cdf               inversion over texels
+ *     @kd-build     best splits, a heap          @halftone          error diffusion
+ *     @kd-crown     WARP's upper levels          @lights            directional lights
+ *                                                @lm                least squares
  * ========================================================================================== */
 
 #if defined(ENVSAMP_IMPLEMENTATION) && !defined(ENVSAMP_IMPLEMENTED)
@@ -949,8 +957,8 @@ extern "C" {
  * libm. Float for sampling, double for builds.
  * ========================================================================================== */
 
-/* What a sample consists of: inlined, it costs nothing for a result that is not used. Not at -O0,
-   where each copy would take stack of its own. */
+/* Force-inlined, so that outputs that are not used are eliminated. Not at -O0, where each copy
+   would take stack of its own. */
 #if defined(__GNUC__) && defined(__OPTIMIZE__)
 #define ENVSAMP__HOT ENVSAMP_DEVICE static inline __attribute__((__always_inline__))
 #elif defined(__CUDACC__)
@@ -1037,7 +1045,7 @@ ENVSAMP__HOT float envsamp__at_most(float x, float most)
 #endif
 }
 
-/* The bits of a number from memory, where no compiler knows more of it than they say. */
+/* The bits of a double, by a volatile read: -ffast-math cannot take it for finite. */
 static uint64_t envsamp__double_bits(const double *value)
 {
     double read = *(const volatile double *)value;
@@ -1084,7 +1092,8 @@ ENVSAMP__MATH float envsamp__with_sign(float size, int negative)
     return envsamp__bits_float(envsamp__float_bits(size) | (uint32_t)negative << 31);
 }
 
-/* Half of a number, such that sums of halves do not become half of a sum, which may overflow. */
+/* Half of a number by its exponent. Compilers cannot make a sum of halves half of a sum, which may
+   overflow. */
 static float envsamp__half(float x)
 {
     uint32_t bits = envsamp__float_bits(x);
@@ -1277,7 +1286,7 @@ static inline double envsamp__dot(const double *a, const double *b, int count)
     return sum;
 }
 
-/* As many as are worked on together, stage by stage: loops that compilers vectorise. */
+/* Points of a batch. Every stage is a loop over all of them, which compilers vectorise. */
 #define ENVSAMP__BATCH 64
 
 ENVSAMP__HOT void envsamp__sqrt_n(float *x, int n)
@@ -1661,8 +1670,8 @@ static int envsamp__is_surveyed(const envsamp_image *image, const envsamp_kd_des
         || desc->mis_compensation > 0.0f || desc->importance_exponent != 1.0f;
 }
 
-/* What is left of a luminance after compensation, and that to the power in force, so that the
-   brightest remains what it is and nothing lit becomes black. */
+/* Importance of a luminance: what compensation leaves of it, to the power in force. The maximum
+   stays the same, and nothing lit becomes black. */
 static inline float envsamp__importance(const envsamp__map *map, float luminance)
 {
     float rest = luminance > map->dim ? luminance - map->dim : 0.0f;
@@ -1838,8 +1847,8 @@ static envsamp__polar envsamp__polar_at(const envsamp__map *map, double y)
     return p;
 }
 
-/* From one polar angle to another in 1 - cos theta, each by the cap at the nearer pole, as the
-   distance from it: nothing cancels. */
+/* Difference of two polar angles in 1 - cos theta. Each is a distance from its nearer pole, so
+   nothing cancels. */
 ENVSAMP__HOT double envsamp__cap_between(double near0, int south0, double near1, int south1)
 {
     if (south0 == south1)
@@ -1847,13 +1856,13 @@ ENVSAMP__HOT double envsamp__cap_between(double near0, int south0, double near1,
     return (1.0 - near0) + (1.0 - near1);
 }
 
-/* Solid angle of the whole of u by a unit of polar angle as above. */
+/* Solid angle by a unit of that, once round in u. */
 ENVSAMP__MATH double envsamp__unit_sr(uint32_t mapping)
 {
     return mapping == ENVSAMP_OCTAHEDRAL ? 4.0 * ENVSAMP__PI : 2.0 * ENVSAMP__PI;
 }
 
-/* Solid angle between two places in polar angle of a column one cell wide. */
+/* Solid angle of a column one cell wide between two heights, in cells. */
 static double envsamp__rows_sr(const envsamp__map *map, double y0, double y1)
 {
     envsamp__polar a = envsamp__polar_at(map, y0), b = envsamp__polar_at(map, y1);
@@ -1902,8 +1911,8 @@ static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, do
     return part;
 }
 
-/* Solid angle that a texel of row y stands for. With bilinear, its knot and what it lends to those
-   of the border; all of a row lend alike. */
+/* Solid angle by which a texel of row y counts in the integral. Where the map is bilinear: that of
+   its knot, and of its part in knots of the border. */
 static double envsamp__texel_sr(const envsamp__map *map, int y)
 {
     const envsamp__row_part *above = &map->rows[y], *below = above + 1;
@@ -2261,8 +2270,8 @@ static void envsamp__map_begin(envsamp__map *map, envsamp_row_fn fn, void *user)
 }
 
 /* Reads a row ahead of the build, with memory for one row of luminance. After the last one it puts
-   compensation and exponent in force. Compensation [8] subtracts nothing where nothing or only
-   rounding would be left of a map. */
+   compensation and exponent in force. Compensation [8] that would leave nothing or only rounding
+   noise is off. */
 static envsamp_result envsamp__survey_row(envsamp__map *map, int y, float *luminance)
 {
     envsamp_result result = envsamp__read_row(map, y, luminance);
