@@ -2375,17 +2375,6 @@ static inline double envsamp__columns(const envsamp__map *map, const envsamp__le
          - envsamp__cell_edge(map, x << level->shift, 0);
 }
 
-/* Sets the scale of floats that are squared: it makes the maximum of what was read about 2^60, so
-   that squares neither overflow nor, of what counts beside it, vanish. */
-static void envsamp__set_scale(envsamp__map *map)
-{
-    uint32_t exponent = 314 - (envsamp__float_bits(map->peak) >> 23);
-
-    exponent = exponent < 227 ? exponent : 227;
-    map->scale = envsamp__bits_float(exponent << 23);
-    map->unit = 1.0 / (double)map->scale;
-}
-
 /* One row of level-1 cells, from sums in floats. Even cells keep none of the variance that rounding
    gives them, so that flat parts of a map are found to be flat. */
 static void envsamp__cell_row(envsamp__map *map, int cell_y)
@@ -2457,8 +2446,7 @@ static void envsamp__merge_cells(const envsamp__map *map, int k, int x, int y)
 {
     const envsamp__level *below = &map->levels[k - 1], *level = below + 1;
     size_t cell = (size_t)y * (size_t)level->width + (size_t)x;
-    double weight = 0.0, sum = 0.0, square = 0.0, mean;
-    double size = (double)(1 << below->shift);
+    double weight = 0.0, sum = 0.0, square = 0.0;
 
     for (int i = 0; i < 4; i++) {
         int from_x = 2 * x + (i & 1), from_y = 2 * y + (i >> 1);
@@ -2466,26 +2454,26 @@ static void envsamp__merge_cells(const envsamp__map *map, int k, int x, int y)
 
         if (from_x >= below->width || from_y >= below->height)
             continue;
-        double sr = below->row_sr[from_y] * (from_x > 0 && from_x + 1 < below->width
-                                             ? size : envsamp__columns(map, below, from_x));
-        mean = (double)below->mean[from];
-        double deviation = (double)below->deviation[from];
+        double sr = below->row_sr[from_y] * envsamp__columns(map, below, from_x);
+        double mean = (double)below->mean[from], deviation = (double)below->deviation[from];
         weight += sr;
         sum += sr * mean;
         square += sr * (mean * mean + deviation * deviation);
     }
-    mean = sum / weight;
-    level->mean[cell] = (float)mean;
-    level->deviation[cell] = (float)ENVSAMP_SQRT(envsamp__max(square / weight - mean * mean, 0.0));
+    sum /= weight;
+    level->mean[cell] = (float)sum;
+    level->deviation[cell] = (float)ENVSAMP_SQRT(envsamp__max(square / weight - sum * sum, 0.0));
 }
 
-/* Adds the light of a row of texels. */
+/* Adds the light of a row of texels. The scale of floats that are squared makes the maximum of what
+   was read about 2^60, so that squares neither overflow nor, of what counts beside it, vanish. */
 static void envsamp__add_row(envsamp__map *map, int y, envsamp__texel_row *row)
 {
     map->peak = row->peak > map->peak ? row->peak : map->peak;
     map->integral += row->sum * envsamp__texel_sr(map, y);
-    envsamp__set_scale(map);
-    row->scale = map->scale;
+    uint32_t exponent = 314 - (envsamp__float_bits(map->peak) >> 23);
+    map->scale = row->scale = envsamp__bits_float((exponent < 227 ? exponent : 227) << 23);
+    map->unit = 1.0 / (double)map->scale;
 }
 
 /* Reads a row of texels, adds its light, and completes its line of knots, and with the first and
