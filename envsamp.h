@@ -6635,7 +6635,7 @@ typedef struct envsamp__tap { signed char across, below, parts; } envsamp__tap;
 typedef struct envsamp__halftone {
     const envsamp_image *image;
     const double *row_sr;       /* solid angle of a texel of each row; NULL: 1 */
-    const envsamp_halftone_desc *desc;
+    envsamp_halftone_desc desc;
     envsamp_texel *texels;
     int wanted, chosen, once;
     int64_t lit;                /* with `once`: texels above zero that are still to come */
@@ -6742,7 +6742,7 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
         texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
         h->error -= h->quantum;
         if (h->gap_unit > 0.0)
-            h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc->seed, h->chosen);
+            h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc.seed, h->chosen);
         if (h->once)
             break;
     }
@@ -6814,7 +6814,7 @@ static void envsamp__diffuse(envsamp__halftone *h)
 
     for (int i = 0; i < h->tap_count; i++)
         share[i] = (double)h->tap[i].parts;
-    if (h->desc->kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
+    if (h->desc.kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
         envsamp__ostromoukhov_shares(h->mass / h->quantum, share);
     for (int i = 0; i < h->tap_count; i++) {
         int x = h->cell + h->step * h->tap[i].across;
@@ -6893,7 +6893,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     ENVSAMP_MEMSET(h, 0, sizeof *h);
     h->image = image;
     h->row_sr = row_sr;
-    h->desc = desc;
+    h->desc = *desc;
     h->once = desc->once && !random;
     if (desc->scan == ENVSAMP_SCAN_TEXELS && !random) {
         h->tap = taps[desc->kernel];
@@ -6918,8 +6918,8 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
 static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
                                    envsamp_texel *texels)
 {
-    int random = h->desc->kernel == ENVSAMP_KERNEL_RANDOM;
-    uint32_t seed = h->desc->seed;
+    int random = h->desc.kernel == ENVSAMP_KERNEL_RANDOM;
+    uint32_t seed = h->desc.seed;
     double spacings = 0.0;
 
     h->texels = texels;
@@ -7071,7 +7071,7 @@ typedef struct envsamp__points {
 /* A light while it moves. */
 typedef struct envsamp__mover {
     float axis[3];              /* its direction, */
-    float next[3];              /* the same after a step, without momentum, */
+    float next[3];              /* the same after a step, without momentum, or on a texel, */
     float best[3];              /* and where the energy was least */
     int held;                   /* pieces that are nearest to it, */
     envsamp__patch sum;         /* and their sums */
@@ -7088,8 +7088,7 @@ typedef struct envsamp__lights {
     envsamp_lights_info info;
 
     envsamp__halftone halftone; /* HALFTONE and RANDOM */
-    envsamp_halftone_desc halftone_desc;
-    envsamp_texel *texels;      /* that were chosen, or on which EnvDirects stand */
+    envsamp_texel *texels;      /* that were chosen */
 
     int wide, tall;             /* of a patch, in texels; */
     int across, down;           /* how many there are */
@@ -7104,7 +7103,7 @@ typedef struct envsamp__lights {
     int most;                   /* pieces at most */
     double weight[3];           /* DECOMPOSED: of terms in a key */
 
-    int made;                   /* lights that move, or EnvDirects */
+    int made;                   /* lights that are all different: movers, EnvDirects */
     envsamp__mover *movers;
     envsamp__points *points;    /* the pieces again, for loops over many of them, */
     envsamp__points *places;    /* and the lights */
@@ -7115,9 +7114,7 @@ typedef struct envsamp__lights {
     uint8_t *labels;            /* DECOMPOSED: of all texels */
     float *map;                 /* their luminance, row after row */
     double *bins;               /* solid angle by luminance */
-    double dim[2], bright[2];   /* luminance and solid angle of texels up to the threshold, and
-                                   above it */
-    float threshold;            /* L_T */
+    double light[2], sr[2];     /* luminance and solid angle of all texels of a label */
 } envsamp__lights;
 
 enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE, ENVSAMP__ANY };     /* labels */
@@ -7441,7 +7438,6 @@ static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_ligh
     whole.copies = 1;
     whole.deviation = -1.0;
     envsamp__add_patch(&whole.sum, &l->total);
-    ENVSAMP_MEMCPY(l->info.integral, l->total.rgb, sizeof l->info.integral);
     if (l->regions) {
         l->regions[0] = whole;
         l->count = 1;
@@ -7851,25 +7847,10 @@ static void envsamp__improve_lights(envsamp__lights *l, int rounds)
     }
 }
 
-/* Where there are fewer, shares the lights made between `count`. */
-static void envsamp__share_lights(const envsamp__lights *l, envsamp_light *lights)
-{
-    int count = l->desc->count;
-
-    for (int k = count; k-- > 0; ) {
-        float copies = (float)((count - 1 - k % l->made) / l->made + 1);
-
-        lights[k] = lights[k % l->made];
-        lights[k].solid_angle /= copies;
-        for (int c = 0; c < 3; c++)
-            lights[k].irradiance[c] /= copies;
-    }
-}
-
 /* Makes relaxed lights. They start where the others have most to do, one after the other. */
 static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
 {
-    const double *integral = l->info.integral;
+    const double *integral = l->total.rgb;
 
     l->made = l->desc->count;
     envsamp__make_pieces(l);
@@ -7897,7 +7878,6 @@ static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
         for (int k = 0; k < made; k++)
             lights[k].irradiance[c] = envsamp__to_float(l->movers[k].weight * integral[c]);
     }
-    envsamp__share_lights(l, lights);
 }
 
 /* ---- decomposed ----
@@ -7921,42 +7901,44 @@ static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
 static float envsamp__percentile(const envsamp__lights *l, double target)
 {
     int width = l->image->width;
-    double sum, before = 0.0;
-    uint32_t upper = 0, last = 0, bin;
+    double before = 0.0;
+    uint32_t found = 0;
 
-    for (int pass = 0; pass < 2; pass++) {
+    for (int shift = 16; shift >= 0; shift -= 16) {
         const float *row = l->map;
+        double sum = before;
+        uint32_t last = 0;
 
-        upper = last;
         ENVSAMP_MEMSET(l->bins, 0, ENVSAMP__BINS * sizeof *l->bins);
         for (int y = 0; y < l->image->height; y++, row += width)
             for (int x = 0; x < width; x++) {
-                uint32_t bits = envsamp__float_bits(row[x]);
+                uint32_t bits = envsamp__float_bits(row[x]) >> shift;
 
-                if (pass == 0 || bits >> 16 == upper)
-                    l->bins[pass == 0 ? bits >> 16 : bits & 0xffffu] += l->row_sr[y];
+                if (bits >> 16 == found)
+                    l->bins[bits & 0xffffu] += l->row_sr[y];
             }
-        for (bin = 0, last = 0, sum = before; bin < ENVSAMP__BINS && sum < target; bin++)
+        for (uint32_t bin = 0; bin < ENVSAMP__BINS && sum < target; bin++)
             if (l->bins[bin] > 0.0) {
                 last = bin;
                 before = sum;
                 sum += l->bins[bin];
             }
+        found = found << 16 | last;
     }
-    return envsamp__bits_float(upper << 16 | last);
+    return envsamp__bits_float(found);
 }
 
 /* Finds L_T, labels texels that are brighter, and sums light and solid angle of these and of the
-   others, whose light is 0 only if all of them are black. Returns how many pixels are bad. */
+   others: the light is 0 only if all of them are black. Returns how many pixels are bad. */
 static size_t envsamp__find_emission(envsamp__lights *l)
 {
     double total = 0.0, sr = 0.0;
     float *row = l->map, brightest = 0.0f;
     uint8_t *label = l->labels;
-    int width = l->image->width, y;
+    int width = l->image->width;
     size_t bad = 0;
 
-    for (y = 0; y < l->image->height; y++, row += width) {
+    for (int y = 0; y < l->image->height; y++, row += width) {
         double sum = 0.0;
 
         bad += envsamp__read_luminance(envsamp__pixel_at(l->image, 0, y), l->image->channels, width,
@@ -7971,26 +7953,21 @@ static size_t envsamp__find_emission(envsamp__lights *l)
     double limit = envsamp__max((double)l->desc->lambda * total / sr,
                                 (double)l->desc->gamma * (double)brightest);
     limit = envsamp__max(limit, (double)envsamp__percentile(l, (double)l->desc->percentile * sr));
-    l->threshold = envsamp__to_float(limit);
-    ENVSAMP_MEMSET(l->dim, 0, sizeof l->dim);
-    ENVSAMP_MEMSET(l->bright, 0, sizeof l->bright);
-    for (row = l->map, y = 0; y < l->image->height; y++, row += width, label += width) {
-        double dim = 0.0, bright = 0.0;
-        int count = 0;
+    l->info.threshold = envsamp__to_float(limit);
+    row = l->map;
+    for (int y = 0; y < l->image->height; y++, row += width, label += width) {
+        double sum[2] = { 0.0, 0.0 };
+        int count[2] = { 0, 0 };
 
         for (int x = 0; x < width; x++) {
-            label[x] = row[x] > l->threshold ? ENVSAMP__EMISSIVE : ENVSAMP__DIM;
-            if (row[x] > l->threshold) {
-                bright += (double)row[x];
-                count++;
-            } else {
-                dim += (double)row[x];
-            }
+            label[x] = row[x] > l->info.threshold ? ENVSAMP__EMISSIVE : ENVSAMP__DIM;
+            sum[label[x]] += (double)row[x];
+            count[label[x]]++;
         }
-        l->dim[0] += l->row_sr[y] * dim;
-        l->dim[1] += l->row_sr[y] * (double)(width - count);
-        l->bright[0] += l->row_sr[y] * bright;
-        l->bright[1] += l->row_sr[y] * (double)count;
+        for (int k = 0; k < 2; k++) {
+            l->light[k] += l->row_sr[y] * sum[k];
+            l->sr[k] += l->row_sr[y] * (double)count[k];
+        }
     }
     return bad;
 }
@@ -8035,9 +8012,9 @@ static int envsamp__draw_directs(envsamp__lights *l, int wanted)
 static void envsamp__place_directs(envsamp__lights *l)
 {
     double scale = (double)l->desc->mask_scale / (double)l->desc->count, farthest = -2.0;
-    double cosine = 1.0 - 2.0 * scale, dir[3], axis[3];
+    double cosine = 1.0 - 2.0 * scale, dir[3];
 
-    if (cosine > 0.0 && scale > 0.0 && l->dim[0] > 0.0)
+    if (cosine > 0.0 && scale > 0.0 && l->light[ENVSAMP__DIM] > 0.0)
         farthest = envsamp__clamp(2.0 * cosine * cosine - 1.0, -1.0,
                                   1.0 - 1e-6);      /* a texel is not far from itself */
     for (int k = 0; k < l->made; k++) {
@@ -8048,17 +8025,14 @@ static void envsamp__place_directs(envsamp__lights *l)
         for (int i = 0; i < l->count; i++) {
             const envsamp__region *piece = &l->regions[i];
             envsamp__mover *m = &l->movers[piece->light];
-            envsamp_texel *texel = &l->texels[piece->light];
+            double axis[3] = { (double)m->axis[0], (double)m->axis[1], (double)m->axis[2] };
 
             for (int x = piece->x0 - 1, y = piece->y0; envsamp__next_texel(l, piece, &x, &y); ) {
                 envsamp__map_dir(l, 2 * x + 1, 2 * y + 1, dir);
-                for (int c = 0; c < 3; c++)
-                    axis[c] = (double)m->axis[c];
                 cosine = envsamp__dot(dir, axis, 3);
                 if (pass == 0 && cosine > m->chord) {
                     m->chord = cosine;
-                    texel->x = x;
-                    texel->y = y;
+                    envsamp__normalise(dir, m->next);
                 } else if (pass == 1 && cosine < farthest) {
                     l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] = ENVSAMP__DIM;
                 } else if (pass == 1) {
@@ -8066,36 +8040,8 @@ static void envsamp__place_directs(envsamp__lights *l)
                 }
             }
         }
-        for (int k = 0; k < l->made && pass == 0; k++) {
-            envsamp__map_dir(l, 2 * l->texels[k].x + 1, 2 * l->texels[k].y + 1, dir);
-            envsamp__normalise(dir, l->movers[k].axis);
-        }
-    }
-}
-
-/* Makes EnvDirects of emissive texels. Of K lights they are as many as is the share of these in
-   luminance x solid angle^(1/4). */
-static void envsamp__make_directs(envsamp__lights *l, envsamp_light *lights)
-{
-    double dim = l->dim[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(l->dim[1]));
-    double bright = l->bright[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(l->bright[1]));
-    int count = l->desc->count, k;
-
-    if (l->dim[0] > 0.0) {
-        k = (int)((double)count * bright / (dim + bright) + 0.5);
-        count = envsamp__min(bright > 0.0 ? envsamp__max_int(k, 1) : k, count - 1);
-    }
-    l->made = count;
-    if (count == 0)
-        return;
-    envsamp__begin_regions(l, ENVSAMP__EMISSIVE, ENVSAMP_LIGHTS_RELAXED);
-    envsamp__make_pieces(l);
-    l->made = envsamp__draw_directs(l, envsamp__min(count, l->count));
-    envsamp__relax(l, l->desc->refine_rounds);
-    envsamp__place_directs(l);
-    for (k = 0; k < l->made; k++) {
-        envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
-        lights[k].direct = 1;
+        for (int k = 0; k < l->made && pass == 0; k++)
+            ENVSAMP_MEMCPY(l->movers[k].axis, l->movers[k].next, sizeof l->movers[k].axis);
     }
 }
 
@@ -8131,83 +8077,107 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
     envsamp__cut_lights(l, count, lights);
 }
 
+/* Makes EnvDirects of emissive texels, as many as is the share of these in luminance x solid
+   angle^(1/4), then EnvIndirects. */
 static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
 {
-    int count = l->desc->count;
+    double share[2];
+    int count = l->desc->count, directs = count, lit = l->light[ENVSAMP__DIM] > 0.0;
 
-    l->info.threshold = l->threshold;
-    envsamp__make_directs(l, lights);
-    l->info.direct_count = l->made;
-    if (l->dim[0] > 0.0) {
-        ENVSAMP_MEMSET(&l->total, 0, sizeof l->total);
-        for (int k = 0; k < l->made; k++)
-            envsamp__add_patch(&l->movers[k].sum, &l->total);
-        envsamp__make_indirects(l, count - l->made, lights + l->made);
-    } else {
-        envsamp__share_lights(l, lights);
-        l->info.direct_count = count;
+    for (int k = 0; k < 2; k++)
+        share[k] = l->light[k] * ENVSAMP_SQRT(ENVSAMP_SQRT(l->sr[k]));
+    if (lit) {
+        directs = (int)((double)count * share[ENVSAMP__EMISSIVE] / (share[0] + share[1]) + 0.5);
+        directs = envsamp__max_int(directs, share[ENVSAMP__EMISSIVE] > 0.0);
+        directs = envsamp__min(directs, count - 1);
     }
+    l->made = directs;
+    if (directs > 0) {
+        envsamp__begin_regions(l, ENVSAMP__EMISSIVE, ENVSAMP_LIGHTS_RELAXED);
+        envsamp__make_pieces(l);
+        l->made = envsamp__draw_directs(l, envsamp__min(directs, l->count));
+        envsamp__relax(l, l->desc->refine_rounds);
+        envsamp__place_directs(l);
+    }
+    for (int k = 0; k < l->made; k++) {
+        envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
+        lights[k].direct = 1;
+    }
+    l->info.direct_count = lit ? l->made : count;
+    if (!lit)
+        return;
+    ENVSAMP_MEMSET(&l->total, 0, sizeof l->total);
+    for (int k = 0; k < l->made; k++)
+        envsamp__add_patch(&l->movers[k].sum, &l->total);
+    envsamp__make_indirects(l, count - l->made, lights + l->made);
+    l->made = count;
 }
 
 /* ---- lights of any method ---- */
 
+/* Lays out what lights need, or with a `mask` only that. */
 static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image,
-                                  const envsamp_lights_desc *desc, envsamp__arena *arena)
+                                  const envsamp_lights_desc *desc, uint8_t *mask,
+                                  envsamp__arena *arena)
 {
     uint64_t texels = (uint64_t)image->width * (uint64_t)image->height;
-    int count = desc->count;
+    int longer = envsamp__max_int(image->width, image->height), count = desc->count;
+    int decomposes = mask || desc->method == ENVSAMP_LIGHTS_DECOMPOSED;
+    int moves = decomposes || desc->method == ENVSAMP_LIGHTS_RELAXED;
+    int patches = moves && !decomposes ? ENVSAMP__PIECE_PATCHES : ENVSAMP__PATCHES_MAX;
 
     ENVSAMP_MEMSET(l, 0, sizeof *l);
     l->image = image;
     l->desc = desc;
-    int moves = desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED;
-    int chooses = desc->method == ENVSAMP_LIGHTS_HALFTONE || desc->method == ENVSAMP_LIGHTS_RANDOM;
-    l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
-    int regions = moves ? envsamp__max_int(l->most, count) : count;
     l->row_sr = ENVSAMP__TAKE(double, arena, image->height);
-    if (!chooses && image->mapping != ENVSAMP_OCTAHEDRAL
-        && envsamp__max_int(image->width, image->height) <= 4096) {     /* else much scratch */
+    if (decomposes) {
+        l->map = ENVSAMP__TAKE(float, arena, texels);
+        l->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
+        l->labels = mask ? mask : ENVSAMP__TAKE(uint8_t, arena, texels);
+    }
+    if (mask)
+        return;
+    l->made = count;
+    if (desc->method == ENVSAMP_LIGHTS_HALFTONE || desc->method == ENVSAMP_LIGHTS_RANDOM) {
+        envsamp_halftone_desc halftone = { count, ENVSAMP_KERNEL_SZIRMAY, desc->seed,
+                                           ENVSAMP_SCAN_CELLS, 0 };
+
+        if (desc->method == ENVSAMP_LIGHTS_RANDOM)
+            halftone.kernel = ENVSAMP_KERNEL_RANDOM;
+        envsamp__halftone_carve(&l->halftone, &halftone, image, l->row_sr, arena);
+        l->texels = ENVSAMP__TAKE(envsamp_texel, arena, count);
+        l->across = l->down = 1;
+        l->wide = l->tall = longer;
+        l->patches = ENVSAMP__TAKE(envsamp__patch, arena, 1);
+        return;
+    }
+    if (image->mapping != ENVSAMP_OCTAHEDRAL && longer <= 4096) {       /* else much scratch */
         l->azimuth = ENVSAMP__TAKE(double, arena, 4 * image->width + 2);
         l->polar = ENVSAMP__TAKE(double, arena, 4 * image->height + 2);
     }
 
     /* A patch has as few texels as the largest number of patches each way allows; it is narrower
        where that leaves few. */
-    int side = chooses ? 1 : desc->method == ENVSAMP_LIGHTS_RELAXED ? ENVSAMP__PIECE_PATCHES
-                                                                 : ENVSAMP__PATCHES_MAX;
-    for (l->wide = 1; envsamp__max_int(image->width, image->height) > side * l->wide; )
+    for (l->wide = 1; longer > patches * l->wide; )
         l->wide *= 2;
-    for (l->tall = l->wide; l->tall > 1 && image->height <= side / 4 * l->tall; )
+    for (l->tall = l->wide; l->tall > 1 && image->height <= patches / 4 * l->tall; )
         l->tall /= 2;
-    while (l->wide > 1 && image->width <= side / 4 * l->wide)
+    while (l->wide > 1 && image->width <= patches / 4 * l->wide)
         l->wide /= 2;
     l->across = (image->width + l->wide - 1) / l->wide;
     l->down = (image->height + l->tall - 1) / l->tall;
     l->patches = ENVSAMP__TAKE(envsamp__patch, arena, l->across * l->down);
-    if (chooses) {
-        l->halftone_desc.count = count;
-        l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
-                                                                     : ENVSAMP_KERNEL_SZIRMAY;
-        l->halftone_desc.seed = desc->seed;
-        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, image, l->row_sr, arena);
-    } else {
-        l->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__LINES_MAX);
-        l->regions = ENVSAMP__TAKE(envsamp__region, arena, regions);
-        l->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, regions);
-    }
+    l->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__LINES_MAX);
+    l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
+    int regions = moves ? envsamp__max_int(l->most, count) : count;
+    l->regions = ENVSAMP__TAKE(envsamp__region, arena, regions);
+    l->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, regions);
     if (moves) {
         l->movers = ENVSAMP__TAKE(envsamp__mover, arena, count);
         l->points = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(l->most));
         l->places = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(count));
         l->reach = ENVSAMP__TAKE(float, arena, l->most);
     }
-    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        l->map = ENVSAMP__TAKE(float, arena, texels);
-        l->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
-        l->labels = ENVSAMP__TAKE(uint8_t, arena, texels);
-    }
-    if (chooses || desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
-        l->texels = ENVSAMP__TAKE(envsamp_texel, arena, count);
 }
 
 /* Lights of chosen texels: where `same` are one texel, steps of a golden ratio put them in it. */
@@ -8243,19 +8213,27 @@ static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *light
     }
 }
 
-/* Tints all lights alike, so that they sum to the map's integral in each channel. One that no light
-   has is shared out evenly. */
+/* Where fewer were made, has them share the count. Then tints all lights alike, so that they sum to
+   the map's integral in each channel. One that no light has is shared out evenly. */
 static void envsamp__balance_lights(const envsamp__lights *l, envsamp_light *lights)
 {
     int count = l->desc->count;
 
+    for (int k = count; k-- > 0 && l->made < count; ) {
+        float copies = (float)((count - 1 - k % l->made) / l->made + 1);
+
+        lights[k] = lights[k % l->made];
+        lights[k].solid_angle /= copies;
+        for (int c = 0; c < 3; c++)
+            lights[k].irradiance[c] /= copies;
+    }
     for (int c = 0; c < 3; c++) {
-        double sum = 0.0;
+        double sum = 0.0, integral = l->total.rgb[c];
 
         for (int i = 0; i < count; i++)
             sum += (double)lights[i].irradiance[c];
-        double scale = sum > 0.0 ? l->info.integral[c] / sum : 1.0;
-        double plus = sum > 0.0 ? 0.0 : l->info.integral[c] / (double)count;
+        double scale = sum > 0.0 ? integral / sum : 1.0;
+        double plus = sum > 0.0 ? 0.0 : integral / (double)count;
         for (int i = 0; i < count; i++)
             lights[i].irradiance[c] = envsamp__to_float((double)lights[i].irradiance[c] * scale
                                                         + plus);
@@ -8296,19 +8274,62 @@ ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void)
     return envsamp__lights_filled(NULL);
 }
 
-/* Whether a description is good; for a mask only what finds the threshold counts. */
-static int envsamp__lights_good(const envsamp_lights_desc *desc, int mask)
+/* Bytes of scratch that a good description takes; with a `mask` only what finds the threshold
+   counts. */
+static envsamp_result envsamp__lights_check(const envsamp_image *image,
+                                            const envsamp_lights_desc *desc, uint8_t *mask,
+                                            envsamp_sizes *sizes)
 {
+    envsamp__arena arena = { NULL, 0 };
+    envsamp__lights l;
+    envsamp_result result = envsamp__begin_sizes(image, sizes);
+
+    if (result != ENVSAMP_OK)
+        return result;
     if (!envsamp__in_range(desc->percentile, -FLT_MAX, 1.0f)
         || !envsamp__in_range(desc->lambda, -FLT_MAX, FLT_MAX)
         || !envsamp__in_range(desc->gamma, -FLT_MAX, FLT_MAX))
-        return 0;
-    return mask || (desc->count >= 1 && desc->count <= 65536
-                    && (uint32_t)desc->method <= ENVSAMP_LIGHTS_RANDOM
-                    && envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
-                    && envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
-                    && envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
-                    && envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX));
+        return ENVSAMP_ERR_PARAM;
+    if (!mask && (desc->count < 1 || desc->count > 65536
+                  || (uint32_t)desc->method > ENVSAMP_LIGHTS_RANDOM
+                  || !envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
+                  || !envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
+                  || !envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
+                  || !envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX)))
+        return ENVSAMP_ERR_PARAM;
+    envsamp__lights_carve(&l, image, desc, mask, &arena);
+    return envsamp__set_sizes(sizes, 0, arena.used);
+}
+
+/* Checks all that is given, and reads the map. */
+static envsamp_result envsamp__lights_begin(envsamp__lights *l, const envsamp_image *image,
+                                            const envsamp_lights_desc *desc, uint8_t *mask,
+                                            int capacity, envsamp_buffer scratch)
+{
+    envsamp__arena arena = { (char *)scratch.data, 0 };
+    envsamp_sizes sizes;
+    envsamp_result result = envsamp__lights_check(image, desc, mask, &sizes);
+
+    if (result == ENVSAMP_OK)
+        result = envsamp__floats_check(image->pixels);
+    if (result == ENVSAMP_OK)
+        result = !mask && capacity < desc->count ? ENVSAMP_ERR_MEMORY
+                                                 : envsamp__buffers_check(&sizes, scratch, scratch);
+    if (result != ENVSAMP_OK)
+        return result;
+    envsamp__lights_carve(l, image, desc, mask, &arena);
+    envsamp__fill_row_sr(image, l->row_sr);
+    if (l->azimuth) {
+        envsamp__fill_angles(l->azimuth, image->width, 2.0);
+        envsamp__fill_angles(l->polar, image->height,
+                             image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
+    }
+    l->info.count = desc->count;
+    l->info.bad_pixel_count = l->labels ? envsamp__find_emission(l)
+                                        : envsamp__begin_regions(l, ENVSAMP__ANY, desc->method);
+    if (desc->strict && l->info.bad_pixel_count)
+        return ENVSAMP_ERR_VALUE;
+    return l->total.luminance + l->light[0] + l->light[1] > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
@@ -8316,17 +8337,8 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
                                                 envsamp_sizes *sizes)
 {
     envsamp_lights_desc filled = envsamp__lights_filled(desc);
-    envsamp__arena arena = { NULL, 0 };
-    envsamp__lights l;
-    envsamp_result result = envsamp__begin_sizes(image, sizes);
 
-    desc = &filled;
-    if (result != ENVSAMP_OK)
-        return result;
-    if (!envsamp__lights_good(desc, 0))
-        return ENVSAMP_ERR_PARAM;
-    envsamp__lights_carve(&l, image, desc, &arena);
-    return envsamp__set_sizes(sizes, 0, arena.used);
+    return envsamp__lights_check(image, &filled, NULL, sizes);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
@@ -8335,45 +8347,25 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
                                           envsamp_buffer scratch, envsamp_lights_info *info)
 {
     envsamp_lights_desc filled = envsamp__lights_filled(desc);
-    envsamp__arena arena = { NULL, 0 };
-    envsamp_sizes sizes;
     envsamp__lights l;
-    envsamp_result result = envsamp_lights_sizes(image, &filled, &sizes);
 
-    if (result == ENVSAMP_OK)
-        result = lights ? envsamp__floats_check(image->pixels) : ENVSAMP_ERR_NULL;
-    if (result == ENVSAMP_OK)
-        result = capacity < filled.count ? ENVSAMP_ERR_MEMORY
-                                         : envsamp__buffers_check(&sizes, scratch, scratch);
+    if (!lights)
+        return ENVSAMP_ERR_NULL;
+    envsamp_result result = envsamp__lights_begin(&l, image, &filled, NULL, capacity, scratch);
     if (result != ENVSAMP_OK)
         return result;
-    arena.base = (char *)scratch.data;
-    envsamp__lights_carve(&l, image, &filled, &arena);
-    envsamp__fill_row_sr(image, l.row_sr);
-    if (l.azimuth) {
-        envsamp__fill_angles(l.azimuth, image->width, 2.0);
-        envsamp__fill_angles(l.polar, image->height,
-                             image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
-    }
-    l.info.count = filled.count;
-    l.info.bad_pixel_count = filled.method == ENVSAMP_LIGHTS_DECOMPOSED
-                           ? envsamp__find_emission(&l)
-                           : envsamp__begin_regions(&l, ENVSAMP__ANY, filled.method);
-    if (filled.strict && l.info.bad_pixel_count)
-        return ENVSAMP_ERR_VALUE;
-    if (!(l.total.luminance + l.dim[0] + l.bright[0] > 0.0))
-        return ENVSAMP_ERR_BLACK;
-    if (filled.method == ENVSAMP_LIGHTS_DECOMPOSED) {
+    if (l.labels) {
         envsamp__decompose(&l, lights);
-    } else if (filled.method == ENVSAMP_LIGHTS_RELAXED) {
+    } else if (l.movers) {
         envsamp__relax_lights(&l, lights);
-    } else if (!l.texels) {
+    } else if (l.regions) {
         envsamp__cut_lights(&l, filled.count, lights);
     } else {
         envsamp__halftone_scan(&l.halftone, l.total.luminance, 0, filled.count, l.texels);
         envsamp__texel_lights(&l, lights);
     }
     envsamp__balance_lights(&l, lights);
+    ENVSAMP_MEMCPY(l.info.integral, l.total.rgb, sizeof l.info.integral);
     if (info)
         *info = l.info;
     return ENVSAMP_OK;
@@ -8384,43 +8376,14 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
                                                  envsamp_buffer scratch, float *threshold)
 {
     envsamp_lights_desc filled = envsamp__lights_filled(desc);
-    envsamp__arena arena = { NULL, 0 };
     envsamp__lights l;
-    envsamp_sizes sizes;
 
-    if (!image || !image->pixels || !mask)
+    if (!mask)
         return ENVSAMP_ERR_NULL;
-    envsamp_result result = envsamp__image_check(image);
-    if (result == ENVSAMP_OK && !envsamp__lights_good(&filled, 1))
-        result = ENVSAMP_ERR_PARAM;
-    if (result == ENVSAMP_OK)
-        result = envsamp__floats_check(image->pixels);
-    if (result != ENVSAMP_OK)
-        return result;
-    l.image = image;
-    l.desc = &filled;
-    l.labels = mask;
-    do {                                /* counts bytes, then takes them */
-        arena.base = (char *)(arena.used > 0 ? scratch.data : NULL);
-        arena.used = 0;
-        l.row_sr = ENVSAMP__TAKE(double, &arena, image->height);
-        l.map = ENVSAMP__TAKE(float, &arena, (uint64_t)image->width * (uint64_t)image->height);
-        l.bins = ENVSAMP__TAKE(double, &arena, ENVSAMP__BINS);
-        result = envsamp__set_sizes(&sizes, 0, arena.used);
-        if (result == ENVSAMP_OK)
-            result = envsamp__buffers_check(&sizes, scratch, scratch);
-    } while (result == ENVSAMP_OK && !arena.base);
-    if (result != ENVSAMP_OK)
-        return result;
-    envsamp__fill_row_sr(image, l.row_sr);
-    size_t bad = envsamp__find_emission(&l);
-    if (filled.strict && bad)
-        return ENVSAMP_ERR_VALUE;
-    if (!(l.dim[0] + l.bright[0] > 0.0))
-        return ENVSAMP_ERR_BLACK;
-    if (threshold)
-        *threshold = l.threshold;
-    return ENVSAMP_OK;
+    envsamp_result result = envsamp__lights_begin(&l, image, &filled, mask, 0, scratch);
+    if (result == ENVSAMP_OK && threshold)
+        *threshold = l.info.threshold;
+    return result;
 }
 
 /* ---- interleaved sets ---- */
