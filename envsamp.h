@@ -6735,11 +6735,9 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
     h->lit--;
     while (h->chosen < h->wanted
            && (h->error > h->threshold || (h->once && h->lit < h->wanted - h->chosen))) {
-        envsamp_texel *texel = &h->texels[h->chosen++];
+        envsamp_texel texel = { x, y, (float)envsamp__max(value / h->total, (double)FLT_MIN) };
 
-        texel->x = x;
-        texel->y = y;
-        texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
+        h->texels[h->chosen++] = texel;
         h->error -= h->quantum;
         if (h->gap_unit > 0.0)
             h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc.seed, h->chosen);
@@ -6786,15 +6784,13 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
         { 77, 4, 1, 1 }, { 85, 4, 1, 1 }, { 95, 5, 3, 2 }, { 107, 5, 3, 2 }, { 127, 4, 1, 1 },
         { 128, 4, 1, 1 }
     };
-    const unsigned char *a, *b;
     double at = 255.0 * envsamp__clamp(level, 0.0, 1.0);
     int i = 0;
 
     at = at < 127.5 ? at : 255.0 - at;
     while (at > (double)key[i + 1][0])
         i++;
-    a = key[i];
-    b = key[i + 1];
+    const unsigned char *a = key[i], *b = key[i + 1];
     double t = (at - (double)a[0]) / (double)(b[0] - a[0]);
     for (int k = 1; k < 4; k++)
         share[k - 1] = (1.0 - t) * (double)a[k] / (double)(a[1] + a[2] + a[3])
@@ -6810,7 +6806,7 @@ static double *envsamp__waiting(const envsamp__halftone *h, int below)
 /* Sends the error of a texel on. Shares that would leave the map go to the others. */
 static void envsamp__diffuse(envsamp__halftone *h)
 {
-    double share[ENVSAMP__TAPS], *to[ENVSAMP__TAPS], sum = 0.0, scale;
+    double share[ENVSAMP__TAPS], *to[ENVSAMP__TAPS], sum = 0.0;
 
     for (int i = 0; i < h->tap_count; i++)
         share[i] = (double)h->tap[i].parts;
@@ -6823,7 +6819,7 @@ static void envsamp__diffuse(envsamp__halftone *h)
         to[i] = inside ? envsamp__waiting(h, h->tap[i].below) + x : NULL;
         sum += inside ? share[i] : 0.0;
     }
-    scale = sum > 0.0 ? h->error / sum : 0.0;       /* after the last one nothing is left to do */
+    double scale = sum > 0.0 ? h->error / sum : 0.0;    /* after the last one none is left */
     for (int i = 0; i < h->tap_count; i++)
         if (to[i])
             *to[i] += scale * share[i];
@@ -6838,7 +6834,6 @@ static void envsamp__diffuse(envsamp__halftone *h)
 static void envsamp__walk_strip(envsamp__halftone *h)
 {
     const envsamp_image *image = h->image;
-    int x;
 
     h->y0 = envsamp__part_edge(h->strip, h->down, image->height);
     h->y1 = envsamp__part_edge(h->strip + 1, h->down, image->height);
@@ -6850,14 +6845,16 @@ static void envsamp__walk_strip(envsamp__halftone *h)
         h->cell = h->step > 0 ? i : h->across - 1 - i;
         h->x0 = envsamp__part_edge(h->cell, h->across, image->width);
         h->x1 = envsamp__part_edge(h->cell + 1, h->across, image->width);
-        h->error += h->rows ? envsamp__waiting(h, 0)[h->cell] : 0.0;
-        for (h->mass = 0.0, x = h->x0; x < h->x1; x++)
+        h->mass = 0.0;
+        for (int x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
         if (h->mass >= 2.0 * h->quantum && !(h->gap_unit > 0.0)) {
             bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * h->mass / h->quantum),
                                                  (double)height) + 1;
             bands = envsamp__min(bands, height - !(height & 1));
         }
+        if (h->rows)
+            h->error += envsamp__waiting(h, 0)[h->cell];
         for (int band = 0; band < bands; band++)
             envsamp__walk_band(h, band & 1 ? -h->step : h->step,
                                h->y0 + envsamp__part_edge(band, bands, height),
@@ -6886,8 +6883,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
           { -2, 2, 1 }, { -1, 2, 2 }, { 0, 2, 4 }, { 1, 2, 2 }, { 2, 2, 1 } },
         { { 1, 0, 1 }, { -1, 1, 1 }, { 0, 1, 1 } }      /* by importance: see above */
     };
-    double width = (double)image->width, height = (double)image->height;
-    double side = ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count));
+    double width = (double)image->width, height = (double)image->height, side = 1.0;
     int random = desc->kernel == ENVSAMP_KERNEL_RANDOM;
 
     ENVSAMP_MEMSET(h, 0, sizeof *h);
@@ -6895,14 +6891,16 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     h->row_sr = row_sr;
     h->desc = *desc;
     h->once = desc->once && !random;
-    if (desc->scan == ENVSAMP_SCAN_TEXELS && !random) {
+    if (random) {
+        side = 16.0;
+    } else if (desc->scan == ENVSAMP_SCAN_CELLS) {
+        side = envsamp__max(ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count)), 1.0);
+    } else {
         h->tap = taps[desc->kernel];
         while (h->tap_count < ENVSAMP__TAPS && h->tap[h->tap_count].parts)
             h->tap_count++;
         h->rows = 1 + h->tap[h->tap_count - 1].below;
     }
-    side = desc->scan == ENVSAMP_SCAN_TEXELS ? 1.0 : envsamp__max(side, 1.0);
-    side = random ? 16.0 : side;
     h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
     h->down = envsamp__max_int((int)(height / side), 1);
     h->waiting = ENVSAMP__TAKE(double, arena, h->rows * h->across);
@@ -7152,9 +7150,8 @@ static void envsamp__map_dir(const envsamp__lights *l, int x, int y, double dir[
     } else {
         envsamp_uv_to_dir(l->image->mapping, (float)(0.5 * (double)x / (double)l->image->width),
                           (float)(0.5 * (double)y / (double)l->image->height), at);
-        dir[0] = (double)at[0];
-        dir[1] = (double)at[1];
-        dir[2] = (double)at[2];
+        for (int c = 0; c < 3; c++)
+            dir[c] = (double)at[c];
     }
 }
 
@@ -7196,20 +7193,6 @@ static inline int envsamp__counts(const envsamp__lights *l, int x, int y)
         || l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] == l->label;
 }
 
-/* Steps from (x, y) to the next texel of a rectangle that counts, row after row, from the one
-   before its first; returns 0 after the last. */
-static int envsamp__next_texel(const envsamp__lights *l, const envsamp__region *r, int *x, int *y)
-{
-    do {
-        if (++*x == r->x1) {
-            *x = r->x0;
-            if (++*y == r->y1)
-                return 0;
-        }
-    } while (!envsamp__counts(l, *x, *y));
-    return 1;
-}
-
 /* ---- regions ----
  *
  * A rectangle is cut in two, again and again: that with the largest key first. MEDIAN_CUT: that of
@@ -7242,16 +7225,16 @@ static double envsamp__spread(const envsamp__patch *sum)
 /* DECOMPOSED: V, standard deviation x solid angle; D, longer side; E, luminance. */
 static void envsamp__region_terms(const envsamp__lights *l, envsamp__region *r, double term[3])
 {
-    double square = 0.0;
-
-    for (int y = r->y0 / l->tall; r->deviation < 0.0 && y * l->tall < r->y1; y++)
-        for (int x = r->x0 / l->wide; x * l->wide < r->x1; x++) {
-            const envsamp__patch *patch = &l->patches[y * l->across + x];
-
-            if (patch->sr > 0.0)
-                square += patch->luminance * patch->luminance / patch->sr;
-        }
     if (r->deviation < 0.0) {
+        double square = 0.0;
+
+        for (int y = r->y0 / l->tall; y * l->tall < r->y1; y++)
+            for (int x = r->x0 / l->wide; x * l->wide < r->x1; x++) {
+                const envsamp__patch *patch = &l->patches[y * l->across + x];
+
+                if (patch->sr > 0.0)
+                    square += patch->luminance * patch->luminance / patch->sr;
+            }
         square = square * r->sum.sr - r->sum.luminance * r->sum.luminance;
         r->deviation = ENVSAMP_SQRT(envsamp__max(square, 0.0));
     }
@@ -7298,8 +7281,10 @@ static void envsamp__sum_lines(const envsamp__lights *l, const envsamp__region *
     int x0 = r->x0 / l->wide, y0 = r->y0 / l->tall;
 
     ENVSAMP_MEMSET(line, 0, (size_t)count * sizeof *line);
-    for (int x = r->x0 - 1, y = r->y0; texels && envsamp__next_texel(l, r, &x, &y); )
-        envsamp__add_texel(l, x, y, &line[down ? y - r->y0 : x - r->x0]);
+    for (int y = r->y0; texels && y < r->y1; y++)
+        for (int x = r->x0; x < r->x1; x++)
+            if (envsamp__counts(l, x, y))
+                envsamp__add_texel(l, x, y, &line[down ? y - r->y0 : x - r->x0]);
     for (int y = y0; !texels && y * l->tall < r->y1; y++)
         for (int x = x0; x * l->wide < r->x1; x++)
             envsamp__add_patch(&l->patches[y * l->across + x], &line[down ? y - y0 : x - x0]);
@@ -7328,8 +7313,6 @@ static int envsamp__cut_region(envsamp__lights *l, envsamp__region *r, envsamp__
             int down = first ^ pass, side = down ? tall : wide;
             int count = ((down ? height : width) + side - 1) / side;
 
-            if (count == 1)
-                continue;
             envsamp__sum_lines(l, r, texels, down, count, line);
             ENVSAMP_MEMCPY(after, line, (size_t)count * sizeof *line);
             for (int i = count - 1; i-- > 0; )
@@ -7402,43 +7385,42 @@ static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_ligh
 {
     const envsamp_image *image = l->image;
     float mended[4 * ENVSAMP__CHUNK];
-    envsamp__region whole;
+    envsamp__patch sum;
     size_t bad = 0;
-    int x, y, end;
 
     l->label = label;
     ENVSAMP_MEMSET(l->patches, 0, (size_t)(l->across * l->down) * sizeof *l->patches);
-    ENVSAMP_MEMSET(&whole, 0, sizeof whole);
-    for (y = 0; y < image->height; y++)
-        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
-            int last = envsamp__min(x + ENVSAMP__CHUNK, image->width), counted = 0;
-            const float *from;
+    ENVSAMP_MEMSET(&sum, 0, sizeof sum);
+    for (int y = 0; y < image->height; y++)
+        for (int x = 0, last; x < image->width; x = last) {
+            int counted = 0;
 
+            last = envsamp__min(x + ENVSAMP__CHUNK, image->width);
             for (int k = x; k < last && !counted; k++)
                 counted = envsamp__counts(l, k, y);
             if (!counted)
                 continue;
-            from = envsamp__read_pixels(envsamp__pixel_at(image, x, y), image->channels, last - x,
-                                        mended, &bad);
-            for (int k = x; k < last; k = end) {
+            const float *from = envsamp__read_pixels(envsamp__pixel_at(image, x, y),
+                                                     image->channels, last - x, mended, &bad);
+
+            for (int k = x, end; k < last; k = end) {
                 end = envsamp__min((k / l->wide + 1) * l->wide, last);
                 envsamp__add_run(l, from + (k - x) * image->channels, k, end, y,
                                  &l->patches[y / l->tall * l->across + k / l->wide]);
             }
         }
     for (int k = 0; k < l->across * l->down; k++) {
-        x = k % l->across * l->wide;
-        y = k / l->across * l->tall;
+        int x = k % l->across * l->wide, y = k / l->across * l->tall;
+
         envsamp__aim_patch(l, x + envsamp__min(x + l->wide, image->width),
                            y + envsamp__min(y + l->tall, image->height), &l->patches[k]);
-        envsamp__add_patch(&l->patches[k], &whole.sum);
+        envsamp__add_patch(&l->patches[k], &sum);
     }
-    whole.x1 = (uint16_t)image->width;
-    whole.y1 = (uint16_t)image->height;
-    whole.copies = 1;
-    whole.deviation = -1.0;
-    envsamp__add_patch(&whole.sum, &l->total);
+    envsamp__add_patch(&sum, &l->total);
     if (l->regions) {
+        envsamp__region whole = { 0, 0, (uint16_t)image->width, (uint16_t)image->height, 1, 0, -1.0,
+                                  sum };
+
         l->regions[0] = whole;
         l->count = 1;
         envsamp__sort_regions(l, rule);
@@ -7606,13 +7588,13 @@ static int envsamp__busy_piece(envsamp__lights *l, int but)
 {
     double most = -1.0;
     envsamp__mover *m = l->movers;
-    int i, busy = -1, at = -1;
+    int busy = -1, at = -1;
 
     for (int k = 0; k < l->made; k++) {
         m[k].held = 0;
         m[k].chord = 0.0;
     }
-    for (i = 0; i < l->count; i++) {
+    for (int i = 0; i < l->count; i++) {
         m[l->regions[i].light].held++;
         m[l->regions[i].light].chord += l->regions[i].sum.luminance
                                         * (double)ENVSAMP_SQRTF(l->reach[i]);
@@ -7623,8 +7605,10 @@ static int envsamp__busy_piece(envsamp__lights *l, int but)
             most = m[k].weight * m[k].chord;
             busy = k;
         }
-    for (most = -1.0, i = 0; i < l->count; i++) {
+    most = -1.0;
+    for (int i = 0; i < l->count; i++) {
         double work = l->regions[i].sum.luminance * (double)ENVSAMP_SQRTF(l->reach[i]);
+
         if (l->regions[i].light == busy && work > most) {
             most = work;
             at = i;
@@ -8027,18 +8011,21 @@ static void envsamp__place_directs(envsamp__lights *l)
             envsamp__mover *m = &l->movers[piece->light];
             double axis[3] = { (double)m->axis[0], (double)m->axis[1], (double)m->axis[2] };
 
-            for (int x = piece->x0 - 1, y = piece->y0; envsamp__next_texel(l, piece, &x, &y); ) {
-                envsamp__map_dir(l, 2 * x + 1, 2 * y + 1, dir);
-                cosine = envsamp__dot(dir, axis, 3);
-                if (pass == 0 && cosine > m->chord) {
-                    m->chord = cosine;
-                    envsamp__normalise(dir, m->next);
-                } else if (pass == 1 && cosine < farthest) {
-                    l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] = ENVSAMP__DIM;
-                } else if (pass == 1) {
-                    envsamp__add_texel(l, x, y, &m->sum);
+            for (int y = piece->y0; y < piece->y1; y++)
+                for (int x = piece->x0; x < piece->x1; x++) {
+                    if (!envsamp__counts(l, x, y))
+                        continue;
+                    envsamp__map_dir(l, 2 * x + 1, 2 * y + 1, dir);
+                    cosine = envsamp__dot(dir, axis, 3);
+                    if (pass == 0 && cosine > m->chord) {
+                        m->chord = cosine;
+                        envsamp__normalise(dir, m->next);
+                    } else if (pass == 1 && cosine < farthest) {
+                        l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] = ENVSAMP__DIM;
+                    } else if (pass == 1) {
+                        envsamp__add_texel(l, x, y, &m->sum);
+                    }
                 }
-            }
         }
         for (int k = 0; k < l->made && pass == 0; k++)
             ENVSAMP_MEMCPY(l->movers[k].axis, l->movers[k].next, sizeof l->movers[k].axis);
@@ -8051,6 +8038,8 @@ static void envsamp__place_directs(envsamp__lights *l)
    can be cut, anew after every cut, after 64 ever more seldom. More lights share the brightest. */
 static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light *lights)
 {
+    double weight[3] = { (double)l->desc->weight_variance, (double)l->desc->weight_extent,
+                         (double)l->desc->weight_energy };
     int due = 1;
 
     envsamp__begin_regions(l, l->made > 0 ? ENVSAMP__DIM : ENVSAMP__ANY,
@@ -8064,11 +8053,8 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
                 for (int k = 0; k < 3 && l->heap.entries[i].key >= 0.0; k++)
                     most[k] = envsamp__max(most[k], term[k]);
             }
-            l->weight[0] = (double)l->desc->weight_variance;
-            l->weight[1] = (double)l->desc->weight_extent;
-            l->weight[2] = (double)l->desc->weight_energy;
             for (int k = 0; k < 3; k++)
-                l->weight[k] /= most[k] > 0.0 ? most[k] : 1.0;
+                l->weight[k] = weight[k] / (most[k] > 0.0 ? most[k] : 1.0);
             envsamp__sort_regions(l, ENVSAMP_LIGHTS_DECOMPOSED);
             due = l->count + 1 + l->count / 64;
         }
