@@ -6614,16 +6614,15 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
  *
  * The errors at the end sum to what the samples miss of S, so M samples come out by themselves, but
  * for rounding and for texels that are black or brighter than S/M. With `once`, all lit texels are
- * chosen that are left when as many samples are missing. After M samples none is chosen.
+ * chosen that are left when as many samples are missing.
  *
  * A kernel of a few texels cannot spread a handful of samples over thousands: no column chooses
  * before it has gathered half a sample, then a dozen choose in one row. And an error from above may
  * choose a texel of hardly any importance: divided by its probability, that sample is a firefly.
- * [9] recommends to shift weight ahead where samples are few, "in the extreme case" all of it.
- * Along rows of cells that makes compact regions of equal light, and with a random start the
- * expected count of every texel is in proportion to its importance (other paths, cells and shares:
- * bench/experiments.md). The columns of a row of cells are summed first, so that texels are read
- * only where the sum of a column crosses the threshold.
+ * With all of the error ahead, regions of equal light are compact along rows of cells, and a random
+ * start makes the expected count of every texel proportional to its importance (other ways:
+ * bench/experiments.md). Columns are summed first: texels are read only where the sum of one
+ * crosses the threshold.
  * ========================================================================================== */
 
 #define ENVSAMP__TAPS 12
@@ -6642,7 +6641,7 @@ typedef struct envsamp__halftone {
     double total;               /* S */
     double error;               /* importance that was passed and not yet chosen */
     double threshold, quantum;  /* choose where error is above the one, and take off the other */
-    double gap_unit;            /* RANDOM: importance by a unit of spacing */
+    double log_unit;            /* RANDOM: importance to the next draw by log2 of a random number */
     int across, down;           /* cells */
     int cell, strip, step;      /* where the scan is in which row of cells, and its direction */
     int x0, x1, y0, y1;         /* texels of the cell */
@@ -6671,14 +6670,6 @@ static double envsamp__random(uint32_t seed, uint32_t number)
     }
     return ((double)(x >> 1) + 0.5) / 2147483648.0;
 }
-
-/* Distance from one of many independent draws to the next, but for a factor. */
-static double envsamp__spacing(uint32_t seed, int number)
-{
-    return -envsamp__log2(envsamp__random(seed, (uint32_t)number));
-}
-
-/* ---- importance ---- */
 
 /* As envsamp_luminance, in double, of sums of pixels. */
 static double envsamp__luminance(const double *rgb, int channels)
@@ -6721,8 +6712,6 @@ static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
     return bad;
 }
 
-/* ---- choosing ---- */
-
 /* A texel. With `once` it is chosen, too, if those that are still to come are too few. */
 static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
 {
@@ -6739,8 +6728,9 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
 
         h->texels[h->chosen++] = texel;
         h->error -= h->quantum;
-        if (h->gap_unit > 0.0)
-            h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc.seed, h->chosen);
+        if (h->log_unit < 0.0)
+            h->quantum = h->threshold = h->log_unit * envsamp__log2(
+                envsamp__random(h->desc.seed, (uint32_t)h->chosen));
         if (h->once)
             break;
     }
@@ -6771,8 +6761,6 @@ static int envsamp__part_edge(int part, int count, int length)
 {
     return (int)((int64_t)part * length / count);
 }
-
-/* ---- diffusing ---- */
 
 /* The shares of [13]: his table gives them for some levels of 0..255, between which they change
    evenly. Above the middle they are those of 255 less the level. */
@@ -6826,8 +6814,6 @@ static void envsamp__diffuse(envsamp__halftone *h)
     h->error = 0.0;
 }
 
-/* ---- the scan ---- */
-
 /* A row of cells in the direction of the scan. Bands keep dense samples from standing in lines.
    Their number is odd, so that the last one ends where the next cell begins. RANDOM does not need
    them. */
@@ -6848,7 +6834,7 @@ static void envsamp__walk_strip(envsamp__halftone *h)
         h->mass = 0.0;
         for (int x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
-        if (h->mass >= 2.0 * h->quantum && !(h->gap_unit > 0.0)) {
+        if (h->mass >= 2.0 * h->quantum && !(h->log_unit < 0.0)) {
             bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * h->mass / h->quantum),
                                                  (double)height) + 1;
             bands = envsamp__min(bands, height - !(height & 1));
@@ -6890,6 +6876,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     h->image = image;
     h->row_sr = row_sr;
     h->desc = *desc;
+    h->wanted = desc->count;
     h->once = desc->once && !random;
     if (random) {
         side = 16.0;
@@ -6908,30 +6895,26 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     h->lit_count = ENVSAMP__TAKE(int, arena, image->width);
 }
 
-/* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero.
-   Without, error that ends in black cells leaves some out, and rounding, in a map of denormals,
-   may leave all out: then the last texel chosen, or the first lit one of the last row, repeats.
-   RANDOM: its draws, in their order, are as the sums of exponential spacings over the sum of one
-   more [14]. */
-static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
-                                   envsamp_texel *texels)
+/* Chooses `wanted` texels. Without `once`, error that ends in black cells leaves some out, and
+   rounding, in a map of denormals, may leave all out: then the last texel chosen, or the first lit
+   one of the last row, repeats. RANDOM: its draws, in their order, are as the sums of exponential
+   spacings over the sum of one more [14]. */
+static void envsamp__halftone_scan(envsamp__halftone *h)
 {
-    int random = h->desc.kernel == ENVSAMP_KERNEL_RANDOM;
-    uint32_t seed = h->desc.seed;
-    double spacings = 0.0;
-
-    h->texels = texels;
-    h->total = total;
-    h->lit = lit;
-    h->wanted = wanted;
     ENVSAMP_MEMSET(h->waiting, 0, (size_t)(h->rows * h->across) * sizeof(double));
-    for (int i = 0; i <= wanted && random; i++)
-        spacings += envsamp__spacing(seed, i);
-    h->gap_unit = random ? total / spacings : 0.0;
-    h->quantum = random ? h->gap_unit * envsamp__spacing(seed, 0) : total / (double)wanted;
-    h->threshold = random ? h->quantum : 0.5 * h->quantum;
-    h->error = seed && !random ? (envsamp__random(seed, 0) - 0.5) * h->quantum : 0.0;
-    for (h->strip = 0; h->strip < h->down && h->chosen < wanted; h->strip++) {
+    h->quantum = h->total / (double)h->wanted;
+    h->threshold = 0.5 * h->quantum;
+    if (h->desc.kernel == ENVSAMP_KERNEL_RANDOM) {
+        double sum = 0.0;
+
+        for (int i = 0; i <= h->wanted; i++)
+            sum += envsamp__log2(envsamp__random(h->desc.seed, (uint32_t)i));
+        h->log_unit = h->total / sum;
+        h->quantum = h->threshold = h->log_unit * envsamp__log2(envsamp__random(h->desc.seed, 0));
+    } else if (h->desc.seed) {
+        h->error = (envsamp__random(h->desc.seed, 0) - 0.5) * h->quantum;
+    }
+    for (h->strip = 0; h->strip < h->down && h->chosen < h->wanted; h->strip++) {
         h->step = h->strip % 2 ? -1 : 1;
         envsamp__walk_strip(h);
     }
@@ -6939,11 +6922,9 @@ static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t l
     for (int y = h->image->height - 1; y >= 0 && h->chosen == 0; y--)
         for (int x = 0; x < h->image->width && h->chosen == 0; x++)
             envsamp__walk_texel(h, x, y);
-    for (; h->chosen < wanted; h->chosen++)
-        texels[h->chosen] = texels[h->chosen - 1];
+    for (; h->chosen < h->wanted; h->chosen++)
+        h->texels[h->chosen] = h->texels[h->chosen - 1];
 }
-
-/* ---- an importance map ---- */
 
 ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   const envsamp_halftone_desc *desc,
@@ -6978,8 +6959,6 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     envsamp__halftone h;
     envsamp_sizes sizes;
     envsamp_result result;
-    double total = 0.0;
-    int64_t lit = 0;
 
     if (!count)
         return ENVSAMP_ERR_NULL;
@@ -6999,13 +6978,16 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     if (envsamp__sum_columns(&h, 0, height))
         return ENVSAMP_ERR_VALUE;
     for (int x = 0; x < width; x++) {
-        total += h.sum[x];
-        lit += h.lit_count[x];
+        h.total += h.sum[x];
+        h.lit += h.lit_count[x];
     }
-    if (!(total > 0.0))
+    if (!(h.total > 0.0))
         return ENVSAMP_ERR_BLACK;
-    *count = desc->once && lit < desc->count ? (int)lit : desc->count;
-    envsamp__halftone_scan(&h, total, lit, *count, texels);
+    if (desc->once && h.lit < h.wanted)
+        h.wanted = (int)h.lit;
+    h.texels = texels;
+    envsamp__halftone_scan(&h);
+    *count = h.wanted;
     return ENVSAMP_OK;
 }
 
@@ -7086,7 +7068,6 @@ typedef struct envsamp__lights {
     envsamp_lights_info info;
 
     envsamp__halftone halftone; /* HALFTONE and RANDOM */
-    envsamp_texel *texels;      /* that were chosen */
 
     int wide, tall;             /* of a patch, in texels; */
     int across, down;           /* how many there are */
@@ -7119,14 +7100,13 @@ enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE, ENVSAMP__ANY };     /* labels */
 
 /* ---- sums ---- */
 
-/* Scales a vector to length 1; returns 0, and leaves dir alone, if it has none. */
-static int envsamp__normalise(const double v[3], float dir[3])
+/* Scales a vector to length 1; leaves dir alone if it has none. */
+static void envsamp__normalise(const double v[3], float dir[3])
 {
     double length = ENVSAMP_SQRT(envsamp__dot(v, v, 3));
 
     for (int c = 0; c < 3 && length > 0.0; c++)
         dir[c] = (float)(v[c] / length);
-    return length > 0.0;
 }
 
 /* Sine and cosine of the azimuth or polar angle after every half of a column or row of texels.
@@ -7265,10 +7245,9 @@ static double envsamp__region_key(const envsamp__lights *l, envsamp__region *r)
     }
 }
 
-/* Makes the heap of regions, by keys of a rule. */
-static void envsamp__sort_regions(envsamp__lights *l, envsamp_lights_method rule)
+/* Makes the heap of regions. */
+static void envsamp__sort_regions(envsamp__lights *l)
 {
-    l->rule = rule;
     l->heap.count = 0;
     for (int i = 0; i < l->count; i++)
         envsamp__heap_push(&l->heap, envsamp__region_key(l, &l->regions[i]), (uint32_t)i, 0);
@@ -7389,6 +7368,7 @@ static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_ligh
     size_t bad = 0;
 
     l->label = label;
+    l->rule = rule;
     ENVSAMP_MEMSET(l->patches, 0, (size_t)(l->across * l->down) * sizeof *l->patches);
     ENVSAMP_MEMSET(&sum, 0, sizeof sum);
     for (int y = 0; y < image->height; y++)
@@ -7423,7 +7403,7 @@ static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_ligh
 
         l->regions[0] = whole;
         l->count = 1;
-        envsamp__sort_regions(l, rule);
+        envsamp__sort_regions(l);
     }
     return bad;
 }
@@ -7450,8 +7430,8 @@ static void envsamp__region_dir(const envsamp__lights *l, const envsamp__region 
     double middle[3];
 
     envsamp__map_dir(l, r->x0 + r->x1, r->y0 + r->y1, middle);
-    if (!envsamp__normalise(r->sum.v, dir))
-        envsamp__normalise(middle, dir);
+    envsamp__normalise(middle, dir);
+    envsamp__normalise(r->sum.v, dir);
 }
 
 /* Cuts until there are `count` lights. */
@@ -7513,7 +7493,6 @@ static void envsamp__fill_points(envsamp__lights *l, int channel, double total)
 {
     float dir[3] = { 0.0f, 0.0f, 0.0f };
 
-    ENVSAMP_MEMSET(l->points, 0, ENVSAMP__POINT_GROUPS(l->count) * sizeof *l->points);
     for (int i = 0; i < l->count; i++) {
         const envsamp__patch *sum = &l->regions[i].sum;
         double weight = channel < 0 ? sum->luminance : sum->rgb[channel];
@@ -7532,6 +7511,7 @@ static void envsamp__make_pieces(envsamp__lights *l)
     while (l->count < l->most && l->heap.entries->key >= 0.0
            && (l->heap.entries->key > bright || l->count < l->most / 2))
         envsamp__cut_top(l);
+    ENVSAMP_MEMSET(l->points, 0, ENVSAMP__POINT_GROUPS(l->count) * sizeof *l->points);
     envsamp__fill_points(l, -1, l->total.luminance);
 }
 
@@ -7556,6 +7536,8 @@ static void envsamp__take_pieces(envsamp__lights *l, int k)
         for (int c = 0; c < ENVSAMP__POINTS && i + c < l->count; c++)
             if (square[c] < l->reach[i + c]) {
                 l->reach[i + c] = square[c];
+                l->movers[l->regions[i + c].light].held--;
+                l->movers[k].held++;
                 l->regions[i + c].light = k;
             }
     }
@@ -7565,6 +7547,9 @@ static void envsamp__take_pieces(envsamp__lights *l, int k)
    farther away than they can be. */
 static void envsamp__assign_pieces(envsamp__lights *l, int lights)
 {
+    for (int k = 0; k < l->made; k++)
+        l->movers[k].held = 0;
+    l->movers[0].held = l->count;
     for (int i = 0; i < l->count; i++) {
         l->regions[i].light = 0;
         l->reach[i] = 5.0f;
@@ -7577,30 +7562,26 @@ static void envsamp__assign_pieces(envsamp__lights *l, int lights)
 static void envsamp__put_light(envsamp__lights *l, int k, int piece)
 {
     envsamp__region_dir(l, &l->regions[piece], l->movers[k].axis);
+    l->reach[piece] = 5.0f;
     envsamp__take_pieces(l, k);
-    l->regions[piece].light = k;
-    l->reach[piece] = 0.0f;
 }
 
-/* The piece with most work, luminance x chord to its light, of the light with most weight x work of
-   those that hold several; without one light also of those not tried. -1 if there is none. */
-static int envsamp__busy_piece(envsamp__lights *l, int but)
+/* Sends a light to the piece with most work, luminance x chord to its light, of the light with most
+   weight x work of those that hold several; on trial that is another, which was not tried. Returns
+   0 if there is none. */
+static int envsamp__send_light(envsamp__lights *l, int sent, int trial)
 {
-    double most = -1.0;
     envsamp__mover *m = l->movers;
+    double most = -1.0;
     int busy = -1, at = -1;
 
-    for (int k = 0; k < l->made; k++) {
-        m[k].held = 0;
+    for (int k = 0; k < l->made; k++)
         m[k].chord = 0.0;
-    }
-    for (int i = 0; i < l->count; i++) {
-        m[l->regions[i].light].held++;
+    for (int i = 0; i < l->count; i++)
         m[l->regions[i].light].chord += l->regions[i].sum.luminance
                                         * (double)ENVSAMP_SQRTF(l->reach[i]);
-    }
     for (int k = 0; k < l->made; k++)
-        if (k != but && (but < 0 || !m[k].tried) && m[k].held > 1
+        if (!(trial && (k == sent || m[k].tried)) && m[k].held > 1
             && m[k].weight * m[k].chord > most) {
             most = m[k].weight * m[k].chord;
             busy = k;
@@ -7614,7 +7595,12 @@ static int envsamp__busy_piece(envsamp__lights *l, int but)
             at = i;
         }
     }
-    return at;
+    if (at < 0)
+        return 0;
+    if (trial)
+        m[busy].tried = 1;
+    envsamp__put_light(l, sent, at);
+    return 1;
 }
 
 /* Sums the pieces of every light, and makes its weight their share. A light that holds none first
@@ -7622,31 +7608,27 @@ static int envsamp__busy_piece(envsamp__lights *l, int but)
 static void envsamp__sum_pieces(envsamp__lights *l)
 {
     envsamp__mover *m = l->movers;
-    int k, busy;
 
-    do {
-        busy = envsamp__busy_piece(l, -1);
-        for (k = 0; k < l->made && m[k].held > 0; k++)
-            continue;
-        if (k < l->made && busy >= 0)
-            envsamp__put_light(l, k, busy);
-    } while (k < l->made && busy >= 0);
-    for (k = 0; k < l->made; k++)
+    for (int k = 0; k < l->made; )
+        k = m[k].held == 0 && envsamp__send_light(l, k, 0) ? 0 : k + 1;
+    for (int k = 0; k < l->made; k++)
         ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
     for (int i = 0; i < l->count; i++)
         envsamp__add_patch(&l->regions[i].sum, &m[l->regions[i].light].sum);
-    for (k = 0; k < l->made; k++)
+    for (int k = 0; k < l->made; k++)
         m[k].weight = m[k].sum.luminance / l->total.luminance;
 }
 
 /* Lloyd's relaxation, from lights to which the pieces are assigned, until no light moves. */
 static void envsamp__relax(envsamp__lights *l, int rounds)
 {
-    int most = 1 + ENVSAMP__DISTANCES_MAX / (l->count * l->made), moved = 1, k;
+    int moved = 1;
 
-    for (int i = 0; i < rounds && i < most && moved; i++) {
+    rounds = envsamp__min(rounds, 1 + ENVSAMP__DISTANCES_MAX / (l->count * l->made));
+    for (int i = 0; i < rounds && moved; i++) {
         envsamp__sum_pieces(l);
-        for (moved = k = 0; k < l->made; k++) {
+        moved = 0;
+        for (int k = 0; k < l->made; k++) {
             float was[3];
 
             ENVSAMP_MEMCPY(was, l->movers[k].axis, sizeof was);
@@ -7704,34 +7686,29 @@ static void envsamp__sum_field(const envsamp__lights *l, int k, const envsamp__p
     *own = kept;
 }
 
-static void envsamp__place_lights(envsamp__lights *l)
-{
-    ENVSAMP_MEMSET(l->places, 0, ENVSAMP__POINT_GROUPS(l->made) * sizeof *l->places);
-    for (int k = 0; k < l->made; k++)
-        envsamp__set_point(l->places, k, l->movers[k].axis, l->movers[k].weight);
-}
-
 /* Sums where the lights are now; then lets each light exchange weight with that with which the
    energy falls most, in turns. Returns the energy. */
 static double envsamp__weigh_lights(envsamp__lights *l, int sweeps)
 {
     double most = 1.0, energy = 0.0, all[5];
     envsamp__mover *m = l->movers;
-    int k, i, with;
 
-    envsamp__place_lights(l);
-    for (k = 0; k < l->made; k++) {
+    for (int k = 0; k < l->made; k++)
+        envsamp__set_point(l->places, k, m[k].axis, m[k].weight);
+    for (int k = 0; k < l->made; k++) {
         envsamp__sum_field(l, k, l->places, l->made, all);
         m[k].lights_chord = all[4];
         envsamp__sum_field(l, k, l->points, l->count, all);
         m[k].chord = all[4];
         ENVSAMP_MEMCPY(m[k].toward, all, sizeof m[k].toward);
     }
-    for (; sweeps > 0 && most > 1e-7; sweeps--)
-        for (most = 0.0, k = 0; k < l->made; k++) {
+    for (; sweeps > 0 && most > 1e-7; sweeps--) {
+        most = 0.0;
+        for (int k = 0; k < l->made; k++) {
             double gain = 0.0, given = 0.0;
+            int with = k;
 
-            for (with = k, i = 0; i < l->made; i++) {
+            for (int i = 0; i < l->made; i++) {
                 double chord = envsamp__chord(m[k].axis, m[i].axis), step = 0.0;
                 double fall = m[k].chord - m[k].lights_chord - m[i].chord + m[i].lights_chord;
 
@@ -7746,11 +7723,12 @@ static double envsamp__weigh_lights(envsamp__lights *l, int sweeps)
             most = envsamp__max(most, ENVSAMP__FABS(given));
             m[k].weight -= given;
             m[with].weight += given;
-            for (i = 0; i < l->made && with != k; i++)
+            for (int i = 0; i < l->made && with != k; i++)
                 m[i].lights_chord += given * (envsamp__chord(m[with].axis, m[i].axis)
                                               - envsamp__chord(m[k].axis, m[i].axis));
         }
-    for (k = 0; k < l->made; k++)
+    }
+    for (int k = 0; k < l->made; k++)
         energy += m[k].weight * (2.0 * m[k].chord - m[k].lights_chord);
     return energy;
 }
@@ -7796,7 +7774,8 @@ static void envsamp__move_lights(envsamp__lights *l, int rounds)
             m[k].tried = 0;
         }
         l->energy = better ? energy : l->energy;
-        envsamp__place_lights(l);
+        for (int k = 0; k < l->made; k++)
+            envsamp__set_point(l->places, k, m[k].axis, m[k].weight);
         for (int k = 0; k < l->made && i < rounds; k++)
             envsamp__step_light(l, k, (double)i / (double)(i + 3));
     }
@@ -7809,25 +7788,21 @@ static void envsamp__move_lights(envsamp__lights *l, int rounds)
 /* Moves the lights to where their energy is least of all that is tried. It never rises. */
 static void envsamp__improve_lights(envsamp__lights *l, int rounds)
 {
-    int now = ENVSAMP__MOVE_ROUNDS, idle, k;
+    int now = ENVSAMP__MOVE_ROUNDS;
 
     l->energy = DBL_MAX;
     envsamp__move_lights(l, 0);
     if (rounds > 0)
         envsamp__relax(l, ENVSAMP__RELAX_ROUNDS);
     while (rounds > 0) {
+        int idle = 0;
+
         envsamp__move_lights(l, envsamp__min(now, rounds));
         rounds -= now;
-        now = rounds;
-        for (idle = 0, k = 1; k < l->made; k++)
+        for (int k = 1; k < l->made; k++)
             idle = l->movers[k].weight < l->movers[idle].weight ? k : idle;
         envsamp__assign_pieces(l, l->made);
-        int busy = envsamp__busy_piece(l, idle);
-        if (rounds > 0 && busy >= 0) {
-            now = ENVSAMP__TRIAL_ROUNDS;
-            l->movers[l->regions[busy].light].tried = 1;
-            envsamp__put_light(l, idle, busy);
-        }
+        now = rounds > 0 && envsamp__send_light(l, idle, 1) ? ENVSAMP__TRIAL_ROUNDS : rounds;
     }
 }
 
@@ -7840,11 +7815,13 @@ static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
     envsamp__make_pieces(l);
     int made = envsamp__min(l->desc->count, l->count);
     int most = made < l->count ? ENVSAMP__DISTANCES_MAX / (l->count * made) : 0;
+    ENVSAMP_MEMSET(l->places, 0, ENVSAMP__POINT_GROUPS(made) * sizeof *l->places);
     envsamp__assign_pieces(l, 0);
     for (int k = 0; k < made; k++) {
         l->made = envsamp__max_int(k, 1);
         l->movers[k].weight = 1.0;
-        envsamp__put_light(l, k, envsamp__max_int(envsamp__busy_piece(l, -1), 0));
+        if (!envsamp__send_light(l, k, 0))
+            envsamp__put_light(l, k, 0);
     }
     l->made = made;
     envsamp__relax(l, 1);
@@ -8055,7 +8032,7 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
             }
             for (int k = 0; k < 3; k++)
                 l->weight[k] = weight[k] / (most[k] > 0.0 ? most[k] : 1.0);
-            envsamp__sort_regions(l, ENVSAMP_LIGHTS_DECOMPOSED);
+            envsamp__sort_regions(l);
             due = l->count + 1 + l->count / 64;
         }
         envsamp__cut_top(l);
@@ -8101,7 +8078,7 @@ static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
 
 /* ---- lights of any method ---- */
 
-/* Lays out what lights need, or with a `mask` only that. */
+/* Lays out what lights need, or a mask. */
 static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image,
                                   const envsamp_lights_desc *desc, uint8_t *mask,
                                   envsamp__arena *arena)
@@ -8109,12 +8086,14 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
     uint64_t texels = (uint64_t)image->width * (uint64_t)image->height;
     int longer = envsamp__max_int(image->width, image->height), count = desc->count;
     int decomposes = mask || desc->method == ENVSAMP_LIGHTS_DECOMPOSED;
-    int moves = decomposes || desc->method == ENVSAMP_LIGHTS_RELAXED;
-    int patches = moves && !decomposes ? ENVSAMP__PIECE_PATCHES : ENVSAMP__PATCHES_MAX;
+    int chooses = desc->method == ENVSAMP_LIGHTS_HALFTONE || desc->method == ENVSAMP_LIGHTS_RANDOM;
+    int relaxes = desc->method == ENVSAMP_LIGHTS_RELAXED;
+    int patches = chooses ? 1 : relaxes ? ENVSAMP__PIECE_PATCHES : ENVSAMP__PATCHES_MAX;
 
     ENVSAMP_MEMSET(l, 0, sizeof *l);
     l->image = image;
     l->desc = desc;
+    l->made = count;
     l->row_sr = ENVSAMP__TAKE(double, arena, image->height);
     if (decomposes) {
         l->map = ENVSAMP__TAKE(float, arena, texels);
@@ -8123,21 +8102,7 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
     }
     if (mask)
         return;
-    l->made = count;
-    if (desc->method == ENVSAMP_LIGHTS_HALFTONE || desc->method == ENVSAMP_LIGHTS_RANDOM) {
-        envsamp_halftone_desc halftone = { count, ENVSAMP_KERNEL_SZIRMAY, desc->seed,
-                                           ENVSAMP_SCAN_CELLS, 0 };
-
-        if (desc->method == ENVSAMP_LIGHTS_RANDOM)
-            halftone.kernel = ENVSAMP_KERNEL_RANDOM;
-        envsamp__halftone_carve(&l->halftone, &halftone, image, l->row_sr, arena);
-        l->texels = ENVSAMP__TAKE(envsamp_texel, arena, count);
-        l->across = l->down = 1;
-        l->wide = l->tall = longer;
-        l->patches = ENVSAMP__TAKE(envsamp__patch, arena, 1);
-        return;
-    }
-    if (image->mapping != ENVSAMP_OCTAHEDRAL && longer <= 4096) {       /* else much scratch */
+    if (!chooses && image->mapping != ENVSAMP_OCTAHEDRAL && longer <= 4096) {   /* memory */
         l->azimuth = ENVSAMP__TAKE(double, arena, 4 * image->width + 2);
         l->polar = ENVSAMP__TAKE(double, arena, 4 * image->height + 2);
     }
@@ -8153,32 +8118,42 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
     l->across = (image->width + l->wide - 1) / l->wide;
     l->down = (image->height + l->tall - 1) / l->tall;
     l->patches = ENVSAMP__TAKE(envsamp__patch, arena, l->across * l->down);
+    if (chooses) {
+        int random = desc->method == ENVSAMP_LIGHTS_RANDOM;
+        envsamp_halftone_desc halftone = { count, random ? ENVSAMP_KERNEL_RANDOM
+                                                         : ENVSAMP_KERNEL_SZIRMAY,
+                                           desc->seed, ENVSAMP_SCAN_CELLS, 0 };
+
+        envsamp__halftone_carve(&l->halftone, &halftone, image, l->row_sr, arena);
+        l->halftone.texels = ENVSAMP__TAKE(envsamp_texel, arena, count);
+        return;
+    }
     l->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__LINES_MAX);
-    l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
-    int regions = moves ? envsamp__max_int(l->most, count) : count;
-    l->regions = ENVSAMP__TAKE(envsamp__region, arena, regions);
-    l->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, regions);
-    if (moves) {
+    if (decomposes || relaxes) {
+        l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
         l->movers = ENVSAMP__TAKE(envsamp__mover, arena, count);
         l->points = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(l->most));
         l->places = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(count));
         l->reach = ENVSAMP__TAKE(float, arena, l->most);
     }
+    l->regions = ENVSAMP__TAKE(envsamp__region, arena, envsamp__max_int(l->most, count));
+    l->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, envsamp__max_int(l->most, count));
 }
 
 /* Lights of chosen texels: where `same` are one texel, steps of a golden ratio put them in it. */
 static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *lights)
 {
-    int count = l->desc->count, same;
+    const envsamp_texel *texels = l->halftone.texels;
+    int count = l->desc->count;
 
-    for (int i = 0; i < count; i += same) {
-        envsamp_texel texel = l->texels[i];
+    for (int i = 0, same; i < count; i += same) {
+        envsamp_texel texel = texels[i];
         double rgb[3], sr = l->total.luminance / (double)count
                           / envsamp__texel_value(l->image, texel.x, texel.y, rgb);
         double size = envsamp__min_double(sr, 4.0 * ENVSAMP__PI);
 
-        for (same = 1; i + same < count && l->texels[i + same].x == texel.x
-                       && l->texels[i + same].y == texel.y; same++)
+        for (same = 1; i + same < count && texels[i + same].x == texel.x
+                       && texels[i + same].y == texel.y; same++)
             continue;
         for (int k = 0; k < same; k++) {
             double down = 0.5 + 0.61803398874989485 * (double)k;
@@ -8347,7 +8322,8 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
     } else if (l.regions) {
         envsamp__cut_lights(&l, filled.count, lights);
     } else {
-        envsamp__halftone_scan(&l.halftone, l.total.luminance, 0, filled.count, l.texels);
+        l.halftone.total = l.total.luminance;
+        envsamp__halftone_scan(&l.halftone);
         envsamp__texel_lights(&l, lights);
     }
     envsamp__balance_lights(&l, lights);
@@ -8459,11 +8435,13 @@ static double envsamp__lm_unit(const double *values, int count)
 /* |D x|, against which xtol and the rounding of x count; 0 where that is not finite. */
 static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
 {
-    double scaled[ENVSAMP__LM_MAX_PARAMS] = { 0.0 };
+    double norm2 = 0.0;
 
-    for (int j = 0; j < lm->n; j++)
-        scaled[j] = lm->scale[j] * lm->params[j];
-    double norm2 = envsamp__dot(scaled, scaled, lm->n);
+    for (int j = 0; j < lm->n; j++) {
+        double scaled = lm->scale[j] * lm->params[j];
+
+        norm2 += scaled * scaled;
+    }
     return envsamp__exponent(&norm2, 1) < 0x7ff ? ENVSAMP_SQRT(norm2) : 0.0;
 }
 
