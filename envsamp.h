@@ -7096,7 +7096,7 @@ typedef struct envsamp__lights {
     double light[2], sr[2];     /* luminance and solid angle of all texels of a label */
 } envsamp__lights;
 
-enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE, ENVSAMP__ANY };     /* labels */
+enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE, ENVSAMP__ANY };     /* labels: 0, 1 as in a mask */
 
 /* ---- sums ---- */
 
@@ -7229,20 +7229,17 @@ static double envsamp__region_key(const envsamp__lights *l, envsamp__region *r)
     double share = r->sum.luminance / (double)r->copies, term[3];
     int width = r->x1 - r->x0, height = r->y1 - r->y0;
 
-    switch (l->rule) {
-    case ENVSAMP_LIGHTS_VARIANCE_CUT:
+    if (l->rule == ENVSAMP_LIGHTS_VARIANCE_CUT)
         return 1e-9 * share + envsamp__spread(&r->sum) / (double)r->copies;
-    case ENVSAMP_LIGHTS_DECOMPOSED:
-        envsamp__region_terms(l, r, term);
-        return width > l->wide || height > l->tall ? envsamp__dot(l->weight, term, 3)
-                                                   : -1.0 / (share + DBL_MIN);
-    case ENVSAMP_LIGHTS_RELAXED:
-        if (width > 8 * l->wide || height > 8 * l->tall)
-            return DBL_MAX;
+    if (l->rule == ENVSAMP_LIGHTS_RELAXED && (width > 8 * l->wide || height > 8 * l->tall))
+        return DBL_MAX;
+    if (l->rule == ENVSAMP_LIGHTS_RELAXED)
         return width > 1 || height > 1 ? share : -1.0;
-    default:
+    if (l->rule != ENVSAMP_LIGHTS_DECOMPOSED)
         return share;
-    }
+    envsamp__region_terms(l, r, term);
+    return width > l->wide || height > l->tall ? envsamp__dot(l->weight, term, 3)
+                                               : -1.0 / (share + DBL_MIN);
 }
 
 /* Makes the heap of regions. */
@@ -7456,10 +7453,10 @@ static void envsamp__cut_lights(envsamp__lights *l, int count, envsamp_light *li
  *
  *     2 sum_ij w_i m_j |x_i - p_j| - sum_ik w_i w_k |x_i - x_k|    with    sum w = sum m, w >= 0,
  *
- * where x, w are the lights and p, m the pieces. This is, but for a constant, the squared error of
- * the light in a spherical cap, averaged over all caps [15]: what a horizon and the shadow of a
- * ball cut out of the map. Lights exchange weight in pairs until it is least, at last channel by
- * channel; with momentum [20] they step to where x_i solves
+ * where x, w are the lights and p, m the pieces: but for a constant, the squared error of the light
+ * in a spherical cap, averaged over all caps [15], as a horizon and the shadow of a ball cut out of
+ * the map. Lights exchange weight in pairs until it is least, at last channel by channel; with
+ * momentum [20] they step to where x_i solves
  *
  *     sum_j m_j (x - p_j) / |x_i - p_j| = sum_k w_k (x_i - x_k) / |x_i - x_k|
  *
@@ -7811,7 +7808,6 @@ static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
 {
     const double *integral = l->total.rgb;
 
-    l->made = l->desc->count;
     envsamp__make_pieces(l);
     int made = envsamp__min(l->desc->count, l->count);
     int most = made < l->count ? ENVSAMP__DISTANCES_MAX / (l->count * made) : 0;
@@ -7921,9 +7917,11 @@ static size_t envsamp__find_emission(envsamp__lights *l)
         int count[2] = { 0, 0 };
 
         for (int x = 0; x < width; x++) {
-            label[x] = row[x] > l->info.threshold ? ENVSAMP__EMISSIVE : ENVSAMP__DIM;
-            sum[label[x]] += (double)row[x];
-            count[label[x]]++;
+            int bright = row[x] > l->info.threshold;
+
+            label[x] = (uint8_t)bright;
+            sum[bright] += (double)row[x];
+            count[bright]++;
         }
         for (int k = 0; k < 2; k++) {
             l->light[k] += l->row_sr[y] * sum[k];
@@ -8129,15 +8127,17 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
         return;
     }
     l->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__LINES_MAX);
+    int regions = count;
     if (decomposes || relaxes) {
         l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
         l->movers = ENVSAMP__TAKE(envsamp__mover, arena, count);
         l->points = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(l->most));
         l->places = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(count));
         l->reach = ENVSAMP__TAKE(float, arena, l->most);
+        regions = envsamp__max_int(l->most, count);
     }
-    l->regions = ENVSAMP__TAKE(envsamp__region, arena, envsamp__max_int(l->most, count));
-    l->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, envsamp__max_int(l->most, count));
+    l->regions = ENVSAMP__TAKE(envsamp__region, arena, regions);
+    l->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, regions);
 }
 
 /* Lights of chosen texels: where `same` are one texel, steps of a golden ratio put them in it. */
