@@ -7559,7 +7559,7 @@ static void envsamp__assign_pieces(envsamp__lights *l, int lights)
 static void envsamp__put_light(envsamp__lights *l, int k, int piece)
 {
     envsamp__region_dir(l, &l->regions[piece], l->movers[k].axis);
-    l->reach[piece] = 5.0f;
+    l->reach[piece] = 5.0f;     /* as no piece is, so it is taken */
     envsamp__take_pieces(l, k);
 }
 
@@ -7606,7 +7606,7 @@ static void envsamp__sum_pieces(envsamp__lights *l)
 {
     envsamp__mover *m = l->movers;
 
-    for (int k = 0; k < l->made; )
+    for (int k = 0; k < l->made; )      /* one that is sent may leave another none */
         k = m[k].held == 0 && envsamp__send_light(l, k, 0) ? 0 : k + 1;
     for (int k = 0; k < l->made; k++)
         ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
@@ -8043,20 +8043,19 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
 static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
 {
     double share[2];
-    int count = l->desc->count, directs = count, lit = l->light[ENVSAMP__DIM] > 0.0;
+    int count = l->desc->count, lit = l->light[ENVSAMP__DIM] > 0.0;
 
     for (int k = 0; k < 2; k++)
         share[k] = l->light[k] * ENVSAMP_SQRT(ENVSAMP_SQRT(l->sr[k]));
     if (lit) {
-        directs = (int)((double)count * share[ENVSAMP__EMISSIVE] / (share[0] + share[1]) + 0.5);
-        directs = envsamp__max_int(directs, share[ENVSAMP__EMISSIVE] > 0.0);
-        directs = envsamp__min(directs, count - 1);
+        l->made = (int)((double)count * share[ENVSAMP__EMISSIVE] / (share[0] + share[1]) + 0.5);
+        l->made = envsamp__max_int(l->made, share[ENVSAMP__EMISSIVE] > 0.0);
+        l->made = envsamp__min(l->made, count - 1);
     }
-    l->made = directs;
-    if (directs > 0) {
+    if (l->made > 0) {
         envsamp__begin_regions(l, ENVSAMP__EMISSIVE, ENVSAMP_LIGHTS_RELAXED);
         envsamp__make_pieces(l);
-        l->made = envsamp__draw_directs(l, envsamp__min(directs, l->count));
+        l->made = envsamp__draw_directs(l, envsamp__min(l->made, l->count));
         envsamp__relax(l, l->desc->refine_rounds);
         envsamp__place_directs(l);
     }
@@ -8683,7 +8682,7 @@ ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
             return 0;
     }
     size_t row_bytes = ((size_t)desc->param_count + 2) * sizeof(double);
-    return (size_t)desc->residual_count > (size_t)-1 / row_bytes
+    return (size_t)desc->residual_count > SIZE_MAX / row_bytes
         ? 0 : row_bytes * (size_t)desc->residual_count;
 }
 
