@@ -6582,16 +6582,15 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
  *
  * The errors at the end sum to what the samples miss of S, so M samples come out by themselves, but
  * for rounding and for texels that are black or brighter than S/M. With `once`, all lit texels are
- * chosen that are left when as many samples are missing. After M samples none is chosen.
+ * chosen that are left when as many samples are missing.
  *
  * A kernel of a few texels cannot spread a handful of samples over thousands: no column chooses
  * before it has gathered half a sample, then a dozen choose in one row. And an error from above may
  * choose a texel of hardly any importance: divided by its probability, that sample is a firefly.
- * [9] recommends to shift weight ahead where samples are few, "in the extreme case" all of it.
- * Along rows of cells that makes compact regions of equal light, and with a random start the
- * expected count of every texel is in proportion to its importance (other paths, cells and shares:
- * bench/experiments.md). The columns of a row of cells are summed first, so that texels are read
- * only where the sum of a column crosses the threshold.
+ * With all of the error ahead, regions of equal light are compact along rows of cells, and a random
+ * start makes the expected count of every texel proportional to its importance (other ways:
+ * bench/experiments.md). Columns are summed first: texels are read only where the sum of one
+ * crosses the threshold.
  * ========================================================================================== */
 
 #define ENVSAMP__TAPS 12
@@ -6603,14 +6602,14 @@ typedef struct envsamp__tap { signed char across, below, parts; } envsamp__tap;
 typedef struct envsamp__halftone {
     const envsamp_image *image;
     const double *row_sr;       /* solid angle of a texel of each row; NULL: 1 */
-    const envsamp_halftone_desc *desc;
+    envsamp_halftone_desc desc;
     envsamp_texel *texels;
     int wanted, chosen, once;
     int64_t lit;                /* with `once`: texels above zero that are still to come */
     double total;               /* S */
     double error;               /* importance that was passed and not yet chosen */
     double threshold, quantum;  /* choose where error is above the one, and take off the other */
-    double gap_unit;            /* RANDOM: importance by a unit of spacing */
+    double log_unit;            /* RANDOM: importance to the next draw by log2 of a random number */
     int across, down;           /* cells */
     int cell, strip, step;      /* where the scan is in which row of cells, and its direction */
     int x0, x1, y0, y1;         /* texels of the cell */
@@ -6639,14 +6638,6 @@ static double envsamp__random(uint32_t seed, uint32_t number)
     }
     return ((double)(x >> 1) + 0.5) / 2147483648.0;
 }
-
-/* Distance from one of many independent draws to the next, but for a factor. */
-static double envsamp__spacing(uint32_t seed, int number)
-{
-    return -envsamp__log2(envsamp__random(seed, (uint32_t)number));
-}
-
-/* ---- importance ---- */
 
 /* As envsamp_luminance, in double, of sums of pixels. */
 static double envsamp__luminance(const double *rgb, int channels)
@@ -6689,8 +6680,6 @@ static size_t envsamp__sum_columns(envsamp__halftone *h, int y0, int y1)
     return bad;
 }
 
-/* ---- choosing ---- */
-
 /* A texel. With `once` it is chosen, too, if those that are still to come are too few. */
 static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
 {
@@ -6703,14 +6692,13 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
     h->lit--;
     while (h->chosen < h->wanted
            && (h->error > h->threshold || (h->once && h->lit < h->wanted - h->chosen))) {
-        envsamp_texel *texel = &h->texels[h->chosen++];
+        envsamp_texel texel = { x, y, (float)envsamp__max(value / h->total, (double)FLT_MIN) };
 
-        texel->x = x;
-        texel->y = y;
-        texel->probability = (float)envsamp__max(value / h->total, (double)FLT_MIN);
+        h->texels[h->chosen++] = texel;
         h->error -= h->quantum;
-        if (h->gap_unit > 0.0)
-            h->quantum = h->threshold = h->gap_unit * envsamp__spacing(h->desc->seed, h->chosen);
+        if (h->log_unit < 0.0)
+            h->quantum = h->threshold = h->log_unit * envsamp__log2(
+                envsamp__random(h->desc.seed, (uint32_t)h->chosen));
         if (h->once)
             break;
     }
@@ -6742,8 +6730,6 @@ static int envsamp__part_edge(int part, int count, int length)
     return (int)((int64_t)part * length / count);
 }
 
-/* ---- diffusing ---- */
-
 /* The shares of [13]: his table gives them for some levels of 0..255, between which they change
    evenly. Above the middle they are those of 255 less the level. */
 static void envsamp__ostromoukhov_shares(double level, double share[3])
@@ -6754,15 +6740,13 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
         { 77, 4, 1, 1 }, { 85, 4, 1, 1 }, { 95, 5, 3, 2 }, { 107, 5, 3, 2 }, { 127, 4, 1, 1 },
         { 128, 4, 1, 1 }
     };
-    const unsigned char *a, *b;
     double at = 255.0 * envsamp__clamp(level, 0.0, 1.0);
     int i = 0;
 
     at = at < 127.5 ? at : 255.0 - at;
     while (at > (double)key[i + 1][0])
         i++;
-    a = key[i];
-    b = key[i + 1];
+    const unsigned char *a = key[i], *b = key[i + 1];
     double t = (at - (double)a[0]) / (double)(b[0] - a[0]);
     for (int k = 1; k < 4; k++)
         share[k - 1] = (1.0 - t) * (double)a[k] / (double)(a[1] + a[2] + a[3])
@@ -6778,11 +6762,11 @@ static double *envsamp__waiting(const envsamp__halftone *h, int below)
 /* Sends the error of a texel on. Shares that would leave the map go to the others. */
 static void envsamp__diffuse(envsamp__halftone *h)
 {
-    double share[ENVSAMP__TAPS], *to[ENVSAMP__TAPS], sum = 0.0, scale;
+    double share[ENVSAMP__TAPS], *to[ENVSAMP__TAPS], sum = 0.0;
 
     for (int i = 0; i < h->tap_count; i++)
         share[i] = (double)h->tap[i].parts;
-    if (h->desc->kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
+    if (h->desc.kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
         envsamp__ostromoukhov_shares(h->mass / h->quantum, share);
     for (int i = 0; i < h->tap_count; i++) {
         int x = h->cell + h->step * h->tap[i].across;
@@ -6791,14 +6775,12 @@ static void envsamp__diffuse(envsamp__halftone *h)
         to[i] = inside ? envsamp__waiting(h, h->tap[i].below) + x : NULL;
         sum += inside ? share[i] : 0.0;
     }
-    scale = sum > 0.0 ? h->error / sum : 0.0;       /* after the last one nothing is left to do */
+    double scale = sum > 0.0 ? h->error / sum : 0.0;    /* after the last one none is left */
     for (int i = 0; i < h->tap_count; i++)
         if (to[i])
             *to[i] += scale * share[i];
     h->error = 0.0;
 }
-
-/* ---- the scan ---- */
 
 /* A row of cells in the direction of the scan. Bands keep dense samples from standing in lines.
    Their number is odd, so that the last one ends where the next cell begins. RANDOM does not need
@@ -6806,7 +6788,6 @@ static void envsamp__diffuse(envsamp__halftone *h)
 static void envsamp__walk_strip(envsamp__halftone *h)
 {
     const envsamp_image *image = h->image;
-    int x;
 
     h->y0 = envsamp__part_edge(h->strip, h->down, image->height);
     h->y1 = envsamp__part_edge(h->strip + 1, h->down, image->height);
@@ -6818,14 +6799,16 @@ static void envsamp__walk_strip(envsamp__halftone *h)
         h->cell = h->step > 0 ? i : h->across - 1 - i;
         h->x0 = envsamp__part_edge(h->cell, h->across, image->width);
         h->x1 = envsamp__part_edge(h->cell + 1, h->across, image->width);
-        h->error += h->rows ? envsamp__waiting(h, 0)[h->cell] : 0.0;
-        for (h->mass = 0.0, x = h->x0; x < h->x1; x++)
+        h->mass = 0.0;
+        for (int x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
-        if (h->mass >= 2.0 * h->quantum && !(h->gap_unit > 0.0)) {
+        if (h->mass >= 2.0 * h->quantum && !(h->log_unit < 0.0)) {
             bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * h->mass / h->quantum),
                                                  (double)height) + 1;
             bands = envsamp__min(bands, height - !(height & 1));
         }
+        if (h->rows)
+            h->error += envsamp__waiting(h, 0)[h->cell];
         for (int band = 0; band < bands; band++)
             envsamp__walk_band(h, band & 1 ? -h->step : h->step,
                                h->y0 + envsamp__part_edge(band, bands, height),
@@ -6854,23 +6837,25 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
           { -2, 2, 1 }, { -1, 2, 2 }, { 0, 2, 4 }, { 1, 2, 2 }, { 2, 2, 1 } },
         { { 1, 0, 1 }, { -1, 1, 1 }, { 0, 1, 1 } }      /* by importance: see above */
     };
-    double width = (double)image->width, height = (double)image->height;
-    double side = ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count));
+    double width = (double)image->width, height = (double)image->height, side = 1.0;
     int random = desc->kernel == ENVSAMP_KERNEL_RANDOM;
 
     ENVSAMP_MEMSET(h, 0, sizeof *h);
     h->image = image;
     h->row_sr = row_sr;
-    h->desc = desc;
+    h->desc = *desc;
+    h->wanted = desc->count;
     h->once = desc->once && !random;
-    if (desc->scan == ENVSAMP_SCAN_TEXELS && !random) {
+    if (random) {
+        side = 16.0;
+    } else if (desc->scan == ENVSAMP_SCAN_CELLS) {
+        side = envsamp__max(ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count)), 1.0);
+    } else {
         h->tap = taps[desc->kernel];
         while (h->tap_count < ENVSAMP__TAPS && h->tap[h->tap_count].parts)
             h->tap_count++;
         h->rows = 1 + h->tap[h->tap_count - 1].below;
     }
-    side = desc->scan == ENVSAMP_SCAN_TEXELS ? 1.0 : envsamp__max(side, 1.0);
-    side = random ? 16.0 : side;
     h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
     h->down = envsamp__max_int((int)(height / side), 1);
     h->waiting = ENVSAMP__TAKE(double, arena, h->rows * h->across);
@@ -6878,30 +6863,26 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     h->lit_count = ENVSAMP__TAKE(int, arena, image->width);
 }
 
-/* Chooses `wanted` texels of a map of this total, of which, with `once`, `lit` are above zero.
-   Without, error that ends in black cells leaves some out, and rounding, in a map of denormals,
-   may leave all out: then the last texel chosen, or the first lit one of the last row, repeats.
-   RANDOM: its draws, in their order, are as the sums of exponential spacings over the sum of one
-   more [14]. */
-static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t lit, int wanted,
-                                   envsamp_texel *texels)
+/* Chooses `wanted` texels. Without `once`, error that ends in black cells leaves some out, and
+   rounding, in a map of denormals, may leave all out: then the last texel chosen, or the first lit
+   one of the last row, repeats. RANDOM: its draws, in their order, are as the sums of exponential
+   spacings over the sum of one more [14]. */
+static void envsamp__halftone_scan(envsamp__halftone *h)
 {
-    int random = h->desc->kernel == ENVSAMP_KERNEL_RANDOM;
-    uint32_t seed = h->desc->seed;
-    double spacings = 0.0;
-
-    h->texels = texels;
-    h->total = total;
-    h->lit = lit;
-    h->wanted = wanted;
     ENVSAMP_MEMSET(h->waiting, 0, (size_t)(h->rows * h->across) * sizeof(double));
-    for (int i = 0; i <= wanted && random; i++)
-        spacings += envsamp__spacing(seed, i);
-    h->gap_unit = random ? total / spacings : 0.0;
-    h->quantum = random ? h->gap_unit * envsamp__spacing(seed, 0) : total / (double)wanted;
-    h->threshold = random ? h->quantum : 0.5 * h->quantum;
-    h->error = seed && !random ? (envsamp__random(seed, 0) - 0.5) * h->quantum : 0.0;
-    for (h->strip = 0; h->strip < h->down && h->chosen < wanted; h->strip++) {
+    h->quantum = h->total / (double)h->wanted;
+    h->threshold = 0.5 * h->quantum;
+    if (h->desc.kernel == ENVSAMP_KERNEL_RANDOM) {
+        double sum = 0.0;
+
+        for (int i = 0; i <= h->wanted; i++)
+            sum += envsamp__log2(envsamp__random(h->desc.seed, (uint32_t)i));
+        h->log_unit = h->total / sum;
+        h->quantum = h->threshold = h->log_unit * envsamp__log2(envsamp__random(h->desc.seed, 0));
+    } else if (h->desc.seed) {
+        h->error = (envsamp__random(h->desc.seed, 0) - 0.5) * h->quantum;
+    }
+    for (h->strip = 0; h->strip < h->down && h->chosen < h->wanted; h->strip++) {
         h->step = h->strip % 2 ? -1 : 1;
         envsamp__walk_strip(h);
     }
@@ -6909,11 +6890,9 @@ static void envsamp__halftone_scan(envsamp__halftone *h, double total, int64_t l
     for (int y = h->image->height - 1; y >= 0 && h->chosen == 0; y--)
         for (int x = 0; x < h->image->width && h->chosen == 0; x++)
             envsamp__walk_texel(h, x, y);
-    for (; h->chosen < wanted; h->chosen++)
-        texels[h->chosen] = texels[h->chosen - 1];
+    for (; h->chosen < h->wanted; h->chosen++)
+        h->texels[h->chosen] = h->texels[h->chosen - 1];
 }
-
-/* ---- an importance map ---- */
 
 ENVSAMP_DEF envsamp_result envsamp_halftone_sizes(int width, int height,
                                                   const envsamp_halftone_desc *desc,
@@ -6948,8 +6927,6 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     envsamp__halftone h;
     envsamp_sizes sizes;
     envsamp_result result;
-    double total = 0.0;
-    int64_t lit = 0;
 
     if (!count)
         return ENVSAMP_ERR_NULL;
@@ -6969,13 +6946,16 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     if (envsamp__sum_columns(&h, 0, height))
         return ENVSAMP_ERR_VALUE;
     for (int x = 0; x < width; x++) {
-        total += h.sum[x];
-        lit += h.lit_count[x];
+        h.total += h.sum[x];
+        h.lit += h.lit_count[x];
     }
-    if (!(total > 0.0))
+    if (!(h.total > 0.0))
         return ENVSAMP_ERR_BLACK;
-    *count = desc->once && lit < desc->count ? (int)lit : desc->count;
-    envsamp__halftone_scan(&h, total, lit, *count, texels);
+    if (desc->once && h.lit < h.wanted)
+        h.wanted = (int)h.lit;
+    h.texels = texels;
+    envsamp__halftone_scan(&h);
+    *count = h.wanted;
     return ENVSAMP_OK;
 }
 
@@ -7039,7 +7019,7 @@ typedef struct envsamp__points {
 /* A light while it moves. */
 typedef struct envsamp__mover {
     float axis[3];              /* its direction, */
-    float next[3];              /* the same after a step, without momentum, */
+    float next[3];              /* the same after a step, without momentum, or on a texel, */
     float best[3];              /* and where the energy was least */
     int held;                   /* pieces that are nearest to it, */
     envsamp__patch sum;         /* and their sums */
@@ -7056,8 +7036,6 @@ typedef struct envsamp__lights {
     envsamp_lights_info info;
 
     envsamp__halftone halftone; /* HALFTONE and RANDOM */
-    envsamp_halftone_desc halftone_desc;
-    envsamp_texel *texels;      /* that were chosen, or on which EnvDirects stand */
 
     int wide, tall;             /* of a patch, in texels; */
     int across, down;           /* how many there are */
@@ -7072,7 +7050,7 @@ typedef struct envsamp__lights {
     int most;                   /* pieces at most */
     double weight[3];           /* DECOMPOSED: of terms in a key */
 
-    int made;                   /* lights that move, or EnvDirects */
+    int made;                   /* lights that are all different: movers, EnvDirects */
     envsamp__mover *movers;
     envsamp__points *points;    /* the pieces again, for loops over many of them, */
     envsamp__points *places;    /* and the lights */
@@ -7083,23 +7061,20 @@ typedef struct envsamp__lights {
     uint8_t *labels;            /* DECOMPOSED: of all texels */
     float *map;                 /* their luminance, row after row */
     double *bins;               /* solid angle by luminance */
-    double dim[2], bright[2];   /* luminance and solid angle of texels up to the threshold, and
-                                   above it */
-    float threshold;            /* L_T */
+    double light[2], sr[2];     /* luminance and solid angle of all texels of a label */
 } envsamp__lights;
 
-enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE, ENVSAMP__ANY };     /* labels */
+enum { ENVSAMP__DIM, ENVSAMP__EMISSIVE, ENVSAMP__ANY };     /* labels: 0, 1 as in a mask */
 
 /* ---- sums ---- */
 
-/* Scales a vector to length 1; returns 0, and leaves dir alone, if it has none. */
-static int envsamp__normalise(const double v[3], float dir[3])
+/* Scales a vector to length 1; leaves dir alone if it has none. */
+static void envsamp__normalise(const double v[3], float dir[3])
 {
     double length = ENVSAMP_SQRT(envsamp__dot(v, v, 3));
 
     for (int c = 0; c < 3 && length > 0.0; c++)
         dir[c] = (float)(v[c] / length);
-    return length > 0.0;
 }
 
 /* Sine and cosine of the azimuth or polar angle after every half of a column or row of texels.
@@ -7123,9 +7098,8 @@ static void envsamp__map_dir(const envsamp__lights *l, int x, int y, double dir[
     } else {
         envsamp_uv_to_dir(l->image->mapping, (float)(0.5 * (double)x / (double)l->image->width),
                           (float)(0.5 * (double)y / (double)l->image->height), at);
-        dir[0] = (double)at[0];
-        dir[1] = (double)at[1];
-        dir[2] = (double)at[2];
+        for (int c = 0; c < 3; c++)
+            dir[c] = (double)at[c];
     }
 }
 
@@ -7167,20 +7141,6 @@ static inline int envsamp__counts(const envsamp__lights *l, int x, int y)
         || l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] == l->label;
 }
 
-/* Steps from (x, y) to the next texel of a rectangle that counts, row after row, from the one
-   before its first; returns 0 after the last. */
-static int envsamp__next_texel(const envsamp__lights *l, const envsamp__region *r, int *x, int *y)
-{
-    do {
-        if (++*x == r->x1) {
-            *x = r->x0;
-            if (++*y == r->y1)
-                return 0;
-        }
-    } while (!envsamp__counts(l, *x, *y));
-    return 1;
-}
-
 /* ---- regions ----
  *
  * A rectangle is cut in two, again and again: that with the largest key first. MEDIAN_CUT: that of
@@ -7213,16 +7173,16 @@ static double envsamp__spread(const envsamp__patch *sum)
 /* DECOMPOSED: V, standard deviation x solid angle; D, longer side; E, luminance. */
 static void envsamp__region_terms(const envsamp__lights *l, envsamp__region *r, double term[3])
 {
-    double square = 0.0;
-
-    for (int y = r->y0 / l->tall; r->deviation < 0.0 && y * l->tall < r->y1; y++)
-        for (int x = r->x0 / l->wide; x * l->wide < r->x1; x++) {
-            const envsamp__patch *patch = &l->patches[y * l->across + x];
-
-            if (patch->sr > 0.0)
-                square += patch->luminance * patch->luminance / patch->sr;
-        }
     if (r->deviation < 0.0) {
+        double square = 0.0;
+
+        for (int y = r->y0 / l->tall; y * l->tall < r->y1; y++)
+            for (int x = r->x0 / l->wide; x * l->wide < r->x1; x++) {
+                const envsamp__patch *patch = &l->patches[y * l->across + x];
+
+                if (patch->sr > 0.0)
+                    square += patch->luminance * patch->luminance / patch->sr;
+            }
         square = square * r->sum.sr - r->sum.luminance * r->sum.luminance;
         r->deviation = ENVSAMP_SQRT(envsamp__max(square, 0.0));
     }
@@ -7237,26 +7197,22 @@ static double envsamp__region_key(const envsamp__lights *l, envsamp__region *r)
     double share = r->sum.luminance / (double)r->copies, term[3];
     int width = r->x1 - r->x0, height = r->y1 - r->y0;
 
-    switch (l->rule) {
-    case ENVSAMP_LIGHTS_VARIANCE_CUT:
+    if (l->rule == ENVSAMP_LIGHTS_VARIANCE_CUT)
         return 1e-9 * share + envsamp__spread(&r->sum) / (double)r->copies;
-    case ENVSAMP_LIGHTS_DECOMPOSED:
-        envsamp__region_terms(l, r, term);
-        return width > l->wide || height > l->tall ? envsamp__dot(l->weight, term, 3)
-                                                   : -1.0 / (share + DBL_MIN);
-    case ENVSAMP_LIGHTS_RELAXED:
-        if (width > 8 * l->wide || height > 8 * l->tall)
-            return DBL_MAX;
+    if (l->rule == ENVSAMP_LIGHTS_RELAXED && (width > 8 * l->wide || height > 8 * l->tall))
+        return DBL_MAX;
+    if (l->rule == ENVSAMP_LIGHTS_RELAXED)
         return width > 1 || height > 1 ? share : -1.0;
-    default:
+    if (l->rule != ENVSAMP_LIGHTS_DECOMPOSED)
         return share;
-    }
+    envsamp__region_terms(l, r, term);
+    return width > l->wide || height > l->tall ? envsamp__dot(l->weight, term, 3)
+                                               : -1.0 / (share + DBL_MIN);
 }
 
-/* Makes the heap of regions, by keys of a rule. */
-static void envsamp__sort_regions(envsamp__lights *l, envsamp_lights_method rule)
+/* Makes the heap of regions. */
+static void envsamp__sort_regions(envsamp__lights *l)
 {
-    l->rule = rule;
     l->heap.count = 0;
     for (int i = 0; i < l->count; i++)
         envsamp__heap_push(&l->heap, envsamp__region_key(l, &l->regions[i]), (uint32_t)i, 0);
@@ -7269,8 +7225,10 @@ static void envsamp__sum_lines(const envsamp__lights *l, const envsamp__region *
     int x0 = r->x0 / l->wide, y0 = r->y0 / l->tall;
 
     ENVSAMP_MEMSET(line, 0, (size_t)count * sizeof *line);
-    for (int x = r->x0 - 1, y = r->y0; texels && envsamp__next_texel(l, r, &x, &y); )
-        envsamp__add_texel(l, x, y, &line[down ? y - r->y0 : x - r->x0]);
+    for (int y = r->y0; texels && y < r->y1; y++)
+        for (int x = r->x0; x < r->x1; x++)
+            if (envsamp__counts(l, x, y))
+                envsamp__add_texel(l, x, y, &line[down ? y - r->y0 : x - r->x0]);
     for (int y = y0; !texels && y * l->tall < r->y1; y++)
         for (int x = x0; x * l->wide < r->x1; x++)
             envsamp__add_patch(&l->patches[y * l->across + x], &line[down ? y - y0 : x - x0]);
@@ -7299,8 +7257,6 @@ static int envsamp__cut_region(envsamp__lights *l, envsamp__region *r, envsamp__
             int down = first ^ pass, side = down ? tall : wide;
             int count = ((down ? height : width) + side - 1) / side;
 
-            if (count == 1)
-                continue;
             envsamp__sum_lines(l, r, texels, down, count, line);
             ENVSAMP_MEMCPY(after, line, (size_t)count * sizeof *line);
             for (int i = count - 1; i-- > 0; )
@@ -7373,47 +7329,46 @@ static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_ligh
 {
     const envsamp_image *image = l->image;
     float mended[4 * ENVSAMP__CHUNK];
-    envsamp__region whole;
+    envsamp__patch sum;
     size_t bad = 0;
-    int x, y, end;
 
     l->label = label;
+    l->rule = rule;
     ENVSAMP_MEMSET(l->patches, 0, (size_t)(l->across * l->down) * sizeof *l->patches);
-    ENVSAMP_MEMSET(&whole, 0, sizeof whole);
-    for (y = 0; y < image->height; y++)
-        for (x = 0; x < image->width; x += ENVSAMP__CHUNK) {
-            int last = envsamp__min(x + ENVSAMP__CHUNK, image->width), counted = 0;
-            const float *from;
+    ENVSAMP_MEMSET(&sum, 0, sizeof sum);
+    for (int y = 0; y < image->height; y++)
+        for (int x = 0, last; x < image->width; x = last) {
+            int counted = 0;
 
+            last = envsamp__min(x + ENVSAMP__CHUNK, image->width);
             for (int k = x; k < last && !counted; k++)
                 counted = envsamp__counts(l, k, y);
             if (!counted)
                 continue;
-            from = envsamp__read_pixels(envsamp__pixel_at(image, x, y), image->channels, last - x,
-                                        mended, &bad);
-            for (int k = x; k < last; k = end) {
+            const float *from = envsamp__read_pixels(envsamp__pixel_at(image, x, y),
+                                                     image->channels, last - x, mended, &bad);
+
+            for (int k = x, end; k < last; k = end) {
                 end = envsamp__min((k / l->wide + 1) * l->wide, last);
                 envsamp__add_run(l, from + (k - x) * image->channels, k, end, y,
                                  &l->patches[y / l->tall * l->across + k / l->wide]);
             }
         }
     for (int k = 0; k < l->across * l->down; k++) {
-        x = k % l->across * l->wide;
-        y = k / l->across * l->tall;
+        int x = k % l->across * l->wide, y = k / l->across * l->tall;
+
         envsamp__aim_patch(l, x + envsamp__min(x + l->wide, image->width),
                            y + envsamp__min(y + l->tall, image->height), &l->patches[k]);
-        envsamp__add_patch(&l->patches[k], &whole.sum);
+        envsamp__add_patch(&l->patches[k], &sum);
     }
-    whole.x1 = (uint16_t)image->width;
-    whole.y1 = (uint16_t)image->height;
-    whole.copies = 1;
-    whole.deviation = -1.0;
-    envsamp__add_patch(&whole.sum, &l->total);
-    ENVSAMP_MEMCPY(l->info.integral, l->total.rgb, sizeof l->info.integral);
+    envsamp__add_patch(&sum, &l->total);
     if (l->regions) {
+        envsamp__region whole = { 0, 0, (uint16_t)image->width, (uint16_t)image->height, 1, 0, -1.0,
+                                  sum };
+
         l->regions[0] = whole;
         l->count = 1;
-        envsamp__sort_regions(l, rule);
+        envsamp__sort_regions(l);
     }
     return bad;
 }
@@ -7440,8 +7395,8 @@ static void envsamp__region_dir(const envsamp__lights *l, const envsamp__region 
     double middle[3];
 
     envsamp__map_dir(l, r->x0 + r->x1, r->y0 + r->y1, middle);
-    if (!envsamp__normalise(r->sum.v, dir))
-        envsamp__normalise(middle, dir);
+    envsamp__normalise(middle, dir);
+    envsamp__normalise(r->sum.v, dir);
 }
 
 /* Cuts until there are `count` lights. */
@@ -7466,10 +7421,10 @@ static void envsamp__cut_lights(envsamp__lights *l, int count, envsamp_light *li
  *
  *     2 sum_ij w_i m_j |x_i - p_j| - sum_ik w_i w_k |x_i - x_k|    with    sum w = sum m, w >= 0,
  *
- * where x, w are the lights and p, m the pieces. This is, but for a constant, the squared error of
- * the light in a spherical cap, averaged over all caps [15]: what a horizon and the shadow of a
- * ball cut out of the map. Lights exchange weight in pairs until it is least, at last channel by
- * channel; with momentum [20] they step to where x_i solves
+ * where x, w are the lights and p, m the pieces: but for a constant, the squared error of the light
+ * in a spherical cap, averaged over all caps [15], as a horizon and the shadow of a ball cut out of
+ * the map. Lights exchange weight in pairs until it is least, at last channel by channel; with
+ * momentum [20] they step to where x_i solves
  *
  *     sum_j m_j (x - p_j) / |x_i - p_j| = sum_k w_k (x_i - x_k) / |x_i - x_k|
  *
@@ -7503,7 +7458,6 @@ static void envsamp__fill_points(envsamp__lights *l, int channel, double total)
 {
     float dir[3] = { 0.0f, 0.0f, 0.0f };
 
-    ENVSAMP_MEMSET(l->points, 0, ENVSAMP__POINT_GROUPS(l->count) * sizeof *l->points);
     for (int i = 0; i < l->count; i++) {
         const envsamp__patch *sum = &l->regions[i].sum;
         double weight = channel < 0 ? sum->luminance : sum->rgb[channel];
@@ -7522,6 +7476,7 @@ static void envsamp__make_pieces(envsamp__lights *l)
     while (l->count < l->most && l->heap.entries->key >= 0.0
            && (l->heap.entries->key > bright || l->count < l->most / 2))
         envsamp__cut_top(l);
+    ENVSAMP_MEMSET(l->points, 0, ENVSAMP__POINT_GROUPS(l->count) * sizeof *l->points);
     envsamp__fill_points(l, -1, l->total.luminance);
 }
 
@@ -7546,6 +7501,8 @@ static void envsamp__take_pieces(envsamp__lights *l, int k)
         for (int c = 0; c < ENVSAMP__POINTS && i + c < l->count; c++)
             if (square[c] < l->reach[i + c]) {
                 l->reach[i + c] = square[c];
+                l->movers[l->regions[i + c].light].held--;
+                l->movers[k].held++;
                 l->regions[i + c].light = k;
             }
     }
@@ -7555,6 +7512,9 @@ static void envsamp__take_pieces(envsamp__lights *l, int k)
    farther away than they can be. */
 static void envsamp__assign_pieces(envsamp__lights *l, int lights)
 {
+    for (int k = 0; k < l->made; k++)
+        l->movers[k].held = 0;
+    l->movers[0].held = l->count;
     for (int i = 0; i < l->count; i++) {
         l->regions[i].light = 0;
         l->reach[i] = 5.0f;
@@ -7567,42 +7527,45 @@ static void envsamp__assign_pieces(envsamp__lights *l, int lights)
 static void envsamp__put_light(envsamp__lights *l, int k, int piece)
 {
     envsamp__region_dir(l, &l->regions[piece], l->movers[k].axis);
+    l->reach[piece] = 5.0f;     /* as no piece is, so it is taken */
     envsamp__take_pieces(l, k);
-    l->regions[piece].light = k;
-    l->reach[piece] = 0.0f;
 }
 
-/* The piece with most work, luminance x chord to its light, of the light with most weight x work of
-   those that hold several; without one light also of those not tried. -1 if there is none. */
-static int envsamp__busy_piece(envsamp__lights *l, int but)
+/* Sends a light to the piece with most work, luminance x chord to its light, of the light with most
+   weight x work of those that hold several; on trial that is another, which was not tried. Returns
+   0 if there is none. */
+static int envsamp__send_light(envsamp__lights *l, int sent, int trial)
 {
-    double most = -1.0;
     envsamp__mover *m = l->movers;
-    int i, busy = -1, at = -1;
+    double most = -1.0;
+    int busy = -1, at = -1;
 
-    for (int k = 0; k < l->made; k++) {
-        m[k].held = 0;
+    for (int k = 0; k < l->made; k++)
         m[k].chord = 0.0;
-    }
-    for (i = 0; i < l->count; i++) {
-        m[l->regions[i].light].held++;
+    for (int i = 0; i < l->count; i++)
         m[l->regions[i].light].chord += l->regions[i].sum.luminance
                                         * (double)ENVSAMP_SQRTF(l->reach[i]);
-    }
     for (int k = 0; k < l->made; k++)
-        if (k != but && (but < 0 || !m[k].tried) && m[k].held > 1
+        if (!(trial && (k == sent || m[k].tried)) && m[k].held > 1
             && m[k].weight * m[k].chord > most) {
             most = m[k].weight * m[k].chord;
             busy = k;
         }
-    for (most = -1.0, i = 0; i < l->count; i++) {
+    most = -1.0;
+    for (int i = 0; i < l->count; i++) {
         double work = l->regions[i].sum.luminance * (double)ENVSAMP_SQRTF(l->reach[i]);
+
         if (l->regions[i].light == busy && work > most) {
             most = work;
             at = i;
         }
     }
-    return at;
+    if (at < 0)
+        return 0;
+    if (trial)
+        m[busy].tried = 1;
+    envsamp__put_light(l, sent, at);
+    return 1;
 }
 
 /* Sums the pieces of every light, and makes its weight their share. A light that holds none first
@@ -7610,31 +7573,27 @@ static int envsamp__busy_piece(envsamp__lights *l, int but)
 static void envsamp__sum_pieces(envsamp__lights *l)
 {
     envsamp__mover *m = l->movers;
-    int k, busy;
 
-    do {
-        busy = envsamp__busy_piece(l, -1);
-        for (k = 0; k < l->made && m[k].held > 0; k++)
-            continue;
-        if (k < l->made && busy >= 0)
-            envsamp__put_light(l, k, busy);
-    } while (k < l->made && busy >= 0);
-    for (k = 0; k < l->made; k++)
+    for (int k = 0; k < l->made; )      /* one that is sent may leave another none */
+        k = m[k].held == 0 && envsamp__send_light(l, k, 0) ? 0 : k + 1;
+    for (int k = 0; k < l->made; k++)
         ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
     for (int i = 0; i < l->count; i++)
         envsamp__add_patch(&l->regions[i].sum, &m[l->regions[i].light].sum);
-    for (k = 0; k < l->made; k++)
+    for (int k = 0; k < l->made; k++)
         m[k].weight = m[k].sum.luminance / l->total.luminance;
 }
 
 /* Lloyd's relaxation, from lights to which the pieces are assigned, until no light moves. */
 static void envsamp__relax(envsamp__lights *l, int rounds)
 {
-    int most = 1 + ENVSAMP__DISTANCES_MAX / (l->count * l->made), moved = 1, k;
+    int moved = 1;
 
-    for (int i = 0; i < rounds && i < most && moved; i++) {
+    rounds = envsamp__min(rounds, 1 + ENVSAMP__DISTANCES_MAX / (l->count * l->made));
+    for (int i = 0; i < rounds && moved; i++) {
         envsamp__sum_pieces(l);
-        for (moved = k = 0; k < l->made; k++) {
+        moved = 0;
+        for (int k = 0; k < l->made; k++) {
             float was[3];
 
             ENVSAMP_MEMCPY(was, l->movers[k].axis, sizeof was);
@@ -7692,34 +7651,29 @@ static void envsamp__sum_field(const envsamp__lights *l, int k, const envsamp__p
     *own = kept;
 }
 
-static void envsamp__place_lights(envsamp__lights *l)
-{
-    ENVSAMP_MEMSET(l->places, 0, ENVSAMP__POINT_GROUPS(l->made) * sizeof *l->places);
-    for (int k = 0; k < l->made; k++)
-        envsamp__set_point(l->places, k, l->movers[k].axis, l->movers[k].weight);
-}
-
 /* Sums where the lights are now; then lets each light exchange weight with that with which the
    energy falls most, in turns. Returns the energy. */
 static double envsamp__weigh_lights(envsamp__lights *l, int sweeps)
 {
     double most = 1.0, energy = 0.0, all[5];
     envsamp__mover *m = l->movers;
-    int k, i, with;
 
-    envsamp__place_lights(l);
-    for (k = 0; k < l->made; k++) {
+    for (int k = 0; k < l->made; k++)
+        envsamp__set_point(l->places, k, m[k].axis, m[k].weight);
+    for (int k = 0; k < l->made; k++) {
         envsamp__sum_field(l, k, l->places, l->made, all);
         m[k].lights_chord = all[4];
         envsamp__sum_field(l, k, l->points, l->count, all);
         m[k].chord = all[4];
         ENVSAMP_MEMCPY(m[k].toward, all, sizeof m[k].toward);
     }
-    for (; sweeps > 0 && most > 1e-7; sweeps--)
-        for (most = 0.0, k = 0; k < l->made; k++) {
+    for (; sweeps > 0 && most > 1e-7; sweeps--) {
+        most = 0.0;
+        for (int k = 0; k < l->made; k++) {
             double gain = 0.0, given = 0.0;
+            int with = k;
 
-            for (with = k, i = 0; i < l->made; i++) {
+            for (int i = 0; i < l->made; i++) {
                 double chord = envsamp__chord(m[k].axis, m[i].axis), step = 0.0;
                 double fall = m[k].chord - m[k].lights_chord - m[i].chord + m[i].lights_chord;
 
@@ -7734,11 +7688,12 @@ static double envsamp__weigh_lights(envsamp__lights *l, int sweeps)
             most = envsamp__max(most, ENVSAMP__FABS(given));
             m[k].weight -= given;
             m[with].weight += given;
-            for (i = 0; i < l->made && with != k; i++)
+            for (int i = 0; i < l->made && with != k; i++)
                 m[i].lights_chord += given * (envsamp__chord(m[with].axis, m[i].axis)
                                               - envsamp__chord(m[k].axis, m[i].axis));
         }
-    for (k = 0; k < l->made; k++)
+    }
+    for (int k = 0; k < l->made; k++)
         energy += m[k].weight * (2.0 * m[k].chord - m[k].lights_chord);
     return energy;
 }
@@ -7784,7 +7739,8 @@ static void envsamp__move_lights(envsamp__lights *l, int rounds)
             m[k].tried = 0;
         }
         l->energy = better ? energy : l->energy;
-        envsamp__place_lights(l);
+        for (int k = 0; k < l->made; k++)
+            envsamp__set_point(l->places, k, m[k].axis, m[k].weight);
         for (int k = 0; k < l->made && i < rounds; k++)
             envsamp__step_light(l, k, (double)i / (double)(i + 3));
     }
@@ -7797,57 +7753,39 @@ static void envsamp__move_lights(envsamp__lights *l, int rounds)
 /* Moves the lights to where their energy is least of all that is tried. It never rises. */
 static void envsamp__improve_lights(envsamp__lights *l, int rounds)
 {
-    int now = ENVSAMP__MOVE_ROUNDS, idle, k;
+    int now = ENVSAMP__MOVE_ROUNDS;
 
     l->energy = DBL_MAX;
     envsamp__move_lights(l, 0);
     if (rounds > 0)
         envsamp__relax(l, ENVSAMP__RELAX_ROUNDS);
     while (rounds > 0) {
+        int idle = 0;
+
         envsamp__move_lights(l, envsamp__min(now, rounds));
         rounds -= now;
-        now = rounds;
-        for (idle = 0, k = 1; k < l->made; k++)
+        for (int k = 1; k < l->made; k++)
             idle = l->movers[k].weight < l->movers[idle].weight ? k : idle;
         envsamp__assign_pieces(l, l->made);
-        int busy = envsamp__busy_piece(l, idle);
-        if (rounds > 0 && busy >= 0) {
-            now = ENVSAMP__TRIAL_ROUNDS;
-            l->movers[l->regions[busy].light].tried = 1;
-            envsamp__put_light(l, idle, busy);
-        }
-    }
-}
-
-/* Where there are fewer, shares the lights made between `count`. */
-static void envsamp__share_lights(const envsamp__lights *l, envsamp_light *lights)
-{
-    int count = l->desc->count;
-
-    for (int k = count; k-- > 0; ) {
-        float copies = (float)((count - 1 - k % l->made) / l->made + 1);
-
-        lights[k] = lights[k % l->made];
-        lights[k].solid_angle /= copies;
-        for (int c = 0; c < 3; c++)
-            lights[k].irradiance[c] /= copies;
+        now = rounds > 0 && envsamp__send_light(l, idle, 1) ? ENVSAMP__TRIAL_ROUNDS : rounds;
     }
 }
 
 /* Makes relaxed lights. They start where the others have most to do, one after the other. */
 static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
 {
-    const double *integral = l->info.integral;
+    const double *integral = l->total.rgb;
 
-    l->made = l->desc->count;
     envsamp__make_pieces(l);
     int made = envsamp__min(l->desc->count, l->count);
     int most = made < l->count ? ENVSAMP__DISTANCES_MAX / (l->count * made) : 0;
+    ENVSAMP_MEMSET(l->places, 0, ENVSAMP__POINT_GROUPS(made) * sizeof *l->places);
     envsamp__assign_pieces(l, 0);
     for (int k = 0; k < made; k++) {
         l->made = envsamp__max_int(k, 1);
         l->movers[k].weight = 1.0;
-        envsamp__put_light(l, k, envsamp__max_int(envsamp__busy_piece(l, -1), 0));
+        if (!envsamp__send_light(l, k, 0))
+            envsamp__put_light(l, k, 0);
     }
     l->made = made;
     envsamp__relax(l, 1);
@@ -7865,7 +7803,6 @@ static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
         for (int k = 0; k < made; k++)
             lights[k].irradiance[c] = envsamp__to_float(l->movers[k].weight * integral[c]);
     }
-    envsamp__share_lights(l, lights);
 }
 
 /* ---- decomposed ----
@@ -7889,42 +7826,44 @@ static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
 static float envsamp__percentile(const envsamp__lights *l, double target)
 {
     int width = l->image->width;
-    double sum, before = 0.0;
-    uint32_t upper = 0, last = 0, bin;
+    double before = 0.0;
+    uint32_t found = 0;
 
-    for (int pass = 0; pass < 2; pass++) {
+    for (int shift = 16; shift >= 0; shift -= 16) {
         const float *row = l->map;
+        double sum = before;
+        uint32_t last = 0;
 
-        upper = last;
         ENVSAMP_MEMSET(l->bins, 0, ENVSAMP__BINS * sizeof *l->bins);
         for (int y = 0; y < l->image->height; y++, row += width)
             for (int x = 0; x < width; x++) {
-                uint32_t bits = envsamp__float_bits(row[x]);
+                uint32_t bits = envsamp__float_bits(row[x]) >> shift;
 
-                if (pass == 0 || bits >> 16 == upper)
-                    l->bins[pass == 0 ? bits >> 16 : bits & 0xffffu] += l->row_sr[y];
+                if (bits >> 16 == found)
+                    l->bins[bits & 0xffffu] += l->row_sr[y];
             }
-        for (bin = 0, last = 0, sum = before; bin < ENVSAMP__BINS && sum < target; bin++)
+        for (uint32_t bin = 0; bin < ENVSAMP__BINS && sum < target; bin++)
             if (l->bins[bin] > 0.0) {
                 last = bin;
                 before = sum;
                 sum += l->bins[bin];
             }
+        found = found << 16 | last;
     }
-    return envsamp__bits_float(upper << 16 | last);
+    return envsamp__bits_float(found);
 }
 
 /* Finds L_T, labels texels that are brighter, and sums light and solid angle of these and of the
-   others, whose light is 0 only if all of them are black. Returns how many pixels are bad. */
+   others: the light is 0 only if all of them are black. Returns how many pixels are bad. */
 static size_t envsamp__find_emission(envsamp__lights *l)
 {
     double total = 0.0, sr = 0.0;
     float *row = l->map, brightest = 0.0f;
     uint8_t *label = l->labels;
-    int width = l->image->width, y;
+    int width = l->image->width;
     size_t bad = 0;
 
-    for (y = 0; y < l->image->height; y++, row += width) {
+    for (int y = 0; y < l->image->height; y++, row += width) {
         double sum = 0.0;
 
         bad += envsamp__read_luminance(envsamp__pixel_at(l->image, 0, y), l->image->channels, width,
@@ -7939,26 +7878,23 @@ static size_t envsamp__find_emission(envsamp__lights *l)
     double limit = envsamp__max((double)l->desc->lambda * total / sr,
                                 (double)l->desc->gamma * (double)brightest);
     limit = envsamp__max(limit, (double)envsamp__percentile(l, (double)l->desc->percentile * sr));
-    l->threshold = envsamp__to_float(limit);
-    ENVSAMP_MEMSET(l->dim, 0, sizeof l->dim);
-    ENVSAMP_MEMSET(l->bright, 0, sizeof l->bright);
-    for (row = l->map, y = 0; y < l->image->height; y++, row += width, label += width) {
-        double dim = 0.0, bright = 0.0;
-        int count = 0;
+    l->info.threshold = envsamp__to_float(limit);
+    row = l->map;
+    for (int y = 0; y < l->image->height; y++, row += width, label += width) {
+        double sum[2] = { 0.0, 0.0 };
+        int count[2] = { 0, 0 };
 
         for (int x = 0; x < width; x++) {
-            label[x] = row[x] > l->threshold ? ENVSAMP__EMISSIVE : ENVSAMP__DIM;
-            if (row[x] > l->threshold) {
-                bright += (double)row[x];
-                count++;
-            } else {
-                dim += (double)row[x];
-            }
+            int bright = row[x] > l->info.threshold;
+
+            label[x] = (uint8_t)bright;
+            sum[bright] += (double)row[x];
+            count[bright]++;
         }
-        l->dim[0] += l->row_sr[y] * dim;
-        l->dim[1] += l->row_sr[y] * (double)(width - count);
-        l->bright[0] += l->row_sr[y] * bright;
-        l->bright[1] += l->row_sr[y] * (double)count;
+        for (int k = 0; k < 2; k++) {
+            l->light[k] += l->row_sr[y] * sum[k];
+            l->sr[k] += l->row_sr[y] * (double)count[k];
+        }
     }
     return bad;
 }
@@ -8003,9 +7939,9 @@ static int envsamp__draw_directs(envsamp__lights *l, int wanted)
 static void envsamp__place_directs(envsamp__lights *l)
 {
     double scale = (double)l->desc->mask_scale / (double)l->desc->count, farthest = -2.0;
-    double cosine = 1.0 - 2.0 * scale, dir[3], axis[3];
+    double cosine = 1.0 - 2.0 * scale, dir[3];
 
-    if (cosine > 0.0 && scale > 0.0 && l->dim[0] > 0.0)
+    if (cosine > 0.0 && scale > 0.0 && l->light[ENVSAMP__DIM] > 0.0)
         farthest = envsamp__clamp(2.0 * cosine * cosine - 1.0, -1.0,
                                   1.0 - 1e-6);      /* a texel is not far from itself */
     for (int k = 0; k < l->made; k++) {
@@ -8016,54 +7952,26 @@ static void envsamp__place_directs(envsamp__lights *l)
         for (int i = 0; i < l->count; i++) {
             const envsamp__region *piece = &l->regions[i];
             envsamp__mover *m = &l->movers[piece->light];
-            envsamp_texel *texel = &l->texels[piece->light];
+            double axis[3] = { (double)m->axis[0], (double)m->axis[1], (double)m->axis[2] };
 
-            for (int x = piece->x0 - 1, y = piece->y0; envsamp__next_texel(l, piece, &x, &y); ) {
-                envsamp__map_dir(l, 2 * x + 1, 2 * y + 1, dir);
-                for (int c = 0; c < 3; c++)
-                    axis[c] = (double)m->axis[c];
-                cosine = envsamp__dot(dir, axis, 3);
-                if (pass == 0 && cosine > m->chord) {
-                    m->chord = cosine;
-                    texel->x = x;
-                    texel->y = y;
-                } else if (pass == 1 && cosine < farthest) {
-                    l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] = ENVSAMP__DIM;
-                } else if (pass == 1) {
-                    envsamp__add_texel(l, x, y, &m->sum);
+            for (int y = piece->y0; y < piece->y1; y++)
+                for (int x = piece->x0; x < piece->x1; x++) {
+                    if (!envsamp__counts(l, x, y))
+                        continue;
+                    envsamp__map_dir(l, 2 * x + 1, 2 * y + 1, dir);
+                    cosine = envsamp__dot(dir, axis, 3);
+                    if (pass == 0 && cosine > m->chord) {
+                        m->chord = cosine;
+                        envsamp__normalise(dir, m->next);
+                    } else if (pass == 1 && cosine < farthest) {
+                        l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] = ENVSAMP__DIM;
+                    } else if (pass == 1) {
+                        envsamp__add_texel(l, x, y, &m->sum);
+                    }
                 }
-            }
         }
-        for (int k = 0; k < l->made && pass == 0; k++) {
-            envsamp__map_dir(l, 2 * l->texels[k].x + 1, 2 * l->texels[k].y + 1, dir);
-            envsamp__normalise(dir, l->movers[k].axis);
-        }
-    }
-}
-
-/* Makes EnvDirects of emissive texels. Of K lights they are as many as is the share of these in
-   luminance x solid angle^(1/4). */
-static void envsamp__make_directs(envsamp__lights *l, envsamp_light *lights)
-{
-    double dim = l->dim[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(l->dim[1]));
-    double bright = l->bright[0] * ENVSAMP_SQRT(ENVSAMP_SQRT(l->bright[1]));
-    int count = l->desc->count, k;
-
-    if (l->dim[0] > 0.0) {
-        k = (int)((double)count * bright / (dim + bright) + 0.5);
-        count = envsamp__min(bright > 0.0 ? envsamp__max_int(k, 1) : k, count - 1);
-    }
-    l->made = count;
-    if (count == 0)
-        return;
-    envsamp__begin_regions(l, ENVSAMP__EMISSIVE, ENVSAMP_LIGHTS_RELAXED);
-    envsamp__make_pieces(l);
-    l->made = envsamp__draw_directs(l, envsamp__min(count, l->count));
-    envsamp__relax(l, l->desc->refine_rounds);
-    envsamp__place_directs(l);
-    for (k = 0; k < l->made; k++) {
-        envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
-        lights[k].direct = 1;
+        for (int k = 0; k < l->made && pass == 0; k++)
+            ENVSAMP_MEMCPY(l->movers[k].axis, l->movers[k].next, sizeof l->movers[k].axis);
     }
 }
 
@@ -8073,6 +7981,8 @@ static void envsamp__make_directs(envsamp__lights *l, envsamp_light *lights)
    can be cut, anew after every cut, after 64 ever more seldom. More lights share the brightest. */
 static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light *lights)
 {
+    double weight[3] = { (double)l->desc->weight_variance, (double)l->desc->weight_extent,
+                         (double)l->desc->weight_energy };
     int due = 1;
 
     envsamp__begin_regions(l, l->made > 0 ? ENVSAMP__DIM : ENVSAMP__ANY,
@@ -8086,12 +7996,9 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
                 for (int k = 0; k < 3 && l->heap.entries[i].key >= 0.0; k++)
                     most[k] = envsamp__max(most[k], term[k]);
             }
-            l->weight[0] = (double)l->desc->weight_variance;
-            l->weight[1] = (double)l->desc->weight_extent;
-            l->weight[2] = (double)l->desc->weight_energy;
             for (int k = 0; k < 3; k++)
-                l->weight[k] /= most[k] > 0.0 ? most[k] : 1.0;
-            envsamp__sort_regions(l, ENVSAMP_LIGHTS_DECOMPOSED);
+                l->weight[k] = weight[k] / (most[k] > 0.0 ? most[k] : 1.0);
+            envsamp__sort_regions(l);
             due = l->count + 1 + l->count / 64;
         }
         envsamp__cut_top(l);
@@ -8099,98 +8006,121 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
     envsamp__cut_lights(l, count, lights);
 }
 
+/* Makes EnvDirects of emissive texels, as many as is the share of these in luminance x solid
+   angle^(1/4), then EnvIndirects. */
 static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
 {
-    int count = l->desc->count;
+    double share[2];
+    int count = l->desc->count, lit = l->light[ENVSAMP__DIM] > 0.0;
 
-    l->info.threshold = l->threshold;
-    envsamp__make_directs(l, lights);
-    l->info.direct_count = l->made;
-    if (l->dim[0] > 0.0) {
-        ENVSAMP_MEMSET(&l->total, 0, sizeof l->total);
-        for (int k = 0; k < l->made; k++)
-            envsamp__add_patch(&l->movers[k].sum, &l->total);
-        envsamp__make_indirects(l, count - l->made, lights + l->made);
-    } else {
-        envsamp__share_lights(l, lights);
-        l->info.direct_count = count;
+    for (int k = 0; k < 2; k++)
+        share[k] = l->light[k] * ENVSAMP_SQRT(ENVSAMP_SQRT(l->sr[k]));
+    if (lit) {
+        l->made = (int)((double)count * share[ENVSAMP__EMISSIVE] / (share[0] + share[1]) + 0.5);
+        l->made = envsamp__max_int(l->made, share[ENVSAMP__EMISSIVE] > 0.0);
+        l->made = envsamp__min(l->made, count - 1);
     }
+    if (l->made > 0) {
+        envsamp__begin_regions(l, ENVSAMP__EMISSIVE, ENVSAMP_LIGHTS_RELAXED);
+        envsamp__make_pieces(l);
+        l->made = envsamp__draw_directs(l, envsamp__min(l->made, l->count));
+        envsamp__relax(l, l->desc->refine_rounds);
+        envsamp__place_directs(l);
+    }
+    for (int k = 0; k < l->made; k++) {
+        envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
+        lights[k].direct = 1;
+    }
+    l->info.direct_count = lit ? l->made : count;
+    if (!lit)
+        return;
+    ENVSAMP_MEMSET(&l->total, 0, sizeof l->total);
+    for (int k = 0; k < l->made; k++)
+        envsamp__add_patch(&l->movers[k].sum, &l->total);
+    envsamp__make_indirects(l, count - l->made, lights + l->made);
+    l->made = count;
 }
 
 /* ---- lights of any method ---- */
 
+/* Lays out what lights need, or a mask. */
 static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image,
-                                  const envsamp_lights_desc *desc, envsamp__arena *arena)
+                                  const envsamp_lights_desc *desc, uint8_t *mask,
+                                  envsamp__arena *arena)
 {
     uint64_t texels = (uint64_t)image->width * (uint64_t)image->height;
-    int count = desc->count;
+    int longer = envsamp__max_int(image->width, image->height), count = desc->count;
+    int decomposes = mask || desc->method == ENVSAMP_LIGHTS_DECOMPOSED;
+    int chooses = desc->method == ENVSAMP_LIGHTS_HALFTONE || desc->method == ENVSAMP_LIGHTS_RANDOM;
+    int relaxes = desc->method == ENVSAMP_LIGHTS_RELAXED;
+    int patches = chooses ? 1 : relaxes ? ENVSAMP__PIECE_PATCHES : ENVSAMP__PATCHES_MAX;
 
     ENVSAMP_MEMSET(l, 0, sizeof *l);
     l->image = image;
     l->desc = desc;
-    int moves = desc->method == ENVSAMP_LIGHTS_RELAXED || desc->method == ENVSAMP_LIGHTS_DECOMPOSED;
-    int chooses = desc->method == ENVSAMP_LIGHTS_HALFTONE || desc->method == ENVSAMP_LIGHTS_RANDOM;
-    l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
-    int regions = moves ? envsamp__max_int(l->most, count) : count;
+    l->made = count;
     l->row_sr = ENVSAMP__TAKE(double, arena, image->height);
-    if (!chooses && image->mapping != ENVSAMP_OCTAHEDRAL
-        && envsamp__max_int(image->width, image->height) <= 4096) {     /* else much scratch */
+    if (decomposes) {
+        l->map = ENVSAMP__TAKE(float, arena, texels);
+        l->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
+        l->labels = mask ? mask : ENVSAMP__TAKE(uint8_t, arena, texels);
+    }
+    if (mask)
+        return;
+    if (!chooses && image->mapping != ENVSAMP_OCTAHEDRAL && longer <= 4096) {   /* memory */
         l->azimuth = ENVSAMP__TAKE(double, arena, 4 * image->width + 2);
         l->polar = ENVSAMP__TAKE(double, arena, 4 * image->height + 2);
     }
 
     /* A patch has as few texels as the largest number of patches each way allows; it is narrower
        where that leaves few. */
-    int side = chooses ? 1 : desc->method == ENVSAMP_LIGHTS_RELAXED ? ENVSAMP__PIECE_PATCHES
-                                                                 : ENVSAMP__PATCHES_MAX;
-    for (l->wide = 1; envsamp__max_int(image->width, image->height) > side * l->wide; )
+    for (l->wide = 1; longer > patches * l->wide; )
         l->wide *= 2;
-    for (l->tall = l->wide; l->tall > 1 && image->height <= side / 4 * l->tall; )
+    for (l->tall = l->wide; l->tall > 1 && image->height <= patches / 4 * l->tall; )
         l->tall /= 2;
-    while (l->wide > 1 && image->width <= side / 4 * l->wide)
+    while (l->wide > 1 && image->width <= patches / 4 * l->wide)
         l->wide /= 2;
     l->across = (image->width + l->wide - 1) / l->wide;
     l->down = (image->height + l->tall - 1) / l->tall;
     l->patches = ENVSAMP__TAKE(envsamp__patch, arena, l->across * l->down);
     if (chooses) {
-        l->halftone_desc.count = count;
-        l->halftone_desc.kernel = desc->method == ENVSAMP_LIGHTS_RANDOM ? ENVSAMP_KERNEL_RANDOM
-                                                                     : ENVSAMP_KERNEL_SZIRMAY;
-        l->halftone_desc.seed = desc->seed;
-        envsamp__halftone_carve(&l->halftone, &l->halftone_desc, image, l->row_sr, arena);
-    } else {
-        l->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__LINES_MAX);
-        l->regions = ENVSAMP__TAKE(envsamp__region, arena, regions);
-        l->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, regions);
+        int random = desc->method == ENVSAMP_LIGHTS_RANDOM;
+        envsamp_halftone_desc halftone = { count, random ? ENVSAMP_KERNEL_RANDOM
+                                                         : ENVSAMP_KERNEL_SZIRMAY,
+                                           desc->seed, ENVSAMP_SCAN_CELLS, 0 };
+
+        envsamp__halftone_carve(&l->halftone, &halftone, image, l->row_sr, arena);
+        l->halftone.texels = ENVSAMP__TAKE(envsamp_texel, arena, count);
+        return;
     }
-    if (moves) {
+    l->line = ENVSAMP__TAKE(envsamp__patch, arena, 2 * ENVSAMP__LINES_MAX);
+    int regions = count;
+    if (decomposes || relaxes) {
+        l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
         l->movers = ENVSAMP__TAKE(envsamp__mover, arena, count);
         l->points = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(l->most));
         l->places = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(count));
         l->reach = ENVSAMP__TAKE(float, arena, l->most);
+        regions = envsamp__max_int(l->most, count);
     }
-    if (desc->method == ENVSAMP_LIGHTS_DECOMPOSED) {
-        l->map = ENVSAMP__TAKE(float, arena, texels);
-        l->bins = ENVSAMP__TAKE(double, arena, ENVSAMP__BINS);
-        l->labels = ENVSAMP__TAKE(uint8_t, arena, texels);
-    }
-    if (chooses || desc->method == ENVSAMP_LIGHTS_DECOMPOSED)
-        l->texels = ENVSAMP__TAKE(envsamp_texel, arena, count);
+    l->regions = ENVSAMP__TAKE(envsamp__region, arena, regions);
+    l->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, regions);
 }
 
 /* Lights of chosen texels: where `same` are one texel, steps of a golden ratio put them in it. */
 static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *lights)
 {
-    int count = l->desc->count, same;
+    const envsamp_texel *texels = l->halftone.texels;
+    int count = l->desc->count;
 
-    for (int i = 0; i < count; i += same) {
-        envsamp_texel texel = l->texels[i];
+    for (int i = 0, same; i < count; i += same) {
+        envsamp_texel texel = texels[i];
         double rgb[3], sr = l->total.luminance / (double)count
                           / envsamp__texel_value(l->image, texel.x, texel.y, rgb);
         double size = envsamp__min_double(sr, 4.0 * ENVSAMP__PI);
 
-        for (same = 1; i + same < count && l->texels[i + same].x == texel.x
-                       && l->texels[i + same].y == texel.y; same++)
+        for (same = 1; i + same < count && texels[i + same].x == texel.x
+                       && texels[i + same].y == texel.y; same++)
             continue;
         for (int k = 0; k < same; k++) {
             double down = 0.5 + 0.61803398874989485 * (double)k;
@@ -8211,19 +8141,27 @@ static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *light
     }
 }
 
-/* Tints all lights alike, so that they sum to the map's integral in each channel. One that no light
-   has is shared out evenly. */
+/* Where fewer were made, has them share the count. Then tints all lights alike, so that they sum to
+   the map's integral in each channel. One that no light has is shared out evenly. */
 static void envsamp__balance_lights(const envsamp__lights *l, envsamp_light *lights)
 {
     int count = l->desc->count;
 
+    for (int k = count; k-- > 0 && l->made < count; ) {
+        float copies = (float)((count - 1 - k % l->made) / l->made + 1);
+
+        lights[k] = lights[k % l->made];
+        lights[k].solid_angle /= copies;
+        for (int c = 0; c < 3; c++)
+            lights[k].irradiance[c] /= copies;
+    }
     for (int c = 0; c < 3; c++) {
-        double sum = 0.0;
+        double sum = 0.0, integral = l->total.rgb[c];
 
         for (int i = 0; i < count; i++)
             sum += (double)lights[i].irradiance[c];
-        double scale = sum > 0.0 ? l->info.integral[c] / sum : 1.0;
-        double plus = sum > 0.0 ? 0.0 : l->info.integral[c] / (double)count;
+        double scale = sum > 0.0 ? integral / sum : 1.0;
+        double plus = sum > 0.0 ? 0.0 : integral / (double)count;
         for (int i = 0; i < count; i++)
             lights[i].irradiance[c] = envsamp__to_float((double)lights[i].irradiance[c] * scale
                                                         + plus);
@@ -8264,19 +8202,62 @@ ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void)
     return envsamp__lights_filled(NULL);
 }
 
-/* Whether a description is good; for a mask only what finds the threshold counts. */
-static int envsamp__lights_good(const envsamp_lights_desc *desc, int mask)
+/* Bytes of scratch that a good description takes; with a `mask` only what finds the threshold
+   counts. */
+static envsamp_result envsamp__lights_check(const envsamp_image *image,
+                                            const envsamp_lights_desc *desc, uint8_t *mask,
+                                            envsamp_sizes *sizes)
 {
+    envsamp__arena arena = { NULL, 0 };
+    envsamp__lights l;
+    envsamp_result result = envsamp__begin_sizes(image, sizes);
+
+    if (result != ENVSAMP_OK)
+        return result;
     if (!envsamp__in_range(desc->percentile, -FLT_MAX, 1.0f)
         || !envsamp__in_range(desc->lambda, -FLT_MAX, FLT_MAX)
         || !envsamp__in_range(desc->gamma, -FLT_MAX, FLT_MAX))
-        return 0;
-    return mask || (desc->count >= 1 && desc->count <= 65536
-                    && (uint32_t)desc->method <= ENVSAMP_LIGHTS_RANDOM
-                    && envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
-                    && envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
-                    && envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
-                    && envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX));
+        return ENVSAMP_ERR_PARAM;
+    if (!mask && (desc->count < 1 || desc->count > 65536
+                  || (uint32_t)desc->method > ENVSAMP_LIGHTS_RANDOM
+                  || !envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
+                  || !envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
+                  || !envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
+                  || !envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX)))
+        return ENVSAMP_ERR_PARAM;
+    envsamp__lights_carve(&l, image, desc, mask, &arena);
+    return envsamp__set_sizes(sizes, 0, arena.used);
+}
+
+/* Checks all that is given, and reads the map. */
+static envsamp_result envsamp__lights_begin(envsamp__lights *l, const envsamp_image *image,
+                                            const envsamp_lights_desc *desc, uint8_t *mask,
+                                            int capacity, envsamp_buffer scratch)
+{
+    envsamp__arena arena = { (char *)scratch.data, 0 };
+    envsamp_sizes sizes;
+    envsamp_result result = envsamp__lights_check(image, desc, mask, &sizes);
+
+    if (result == ENVSAMP_OK)
+        result = envsamp__floats_check(image->pixels);
+    if (result == ENVSAMP_OK)
+        result = !mask && capacity < desc->count ? ENVSAMP_ERR_MEMORY
+                                                 : envsamp__buffers_check(&sizes, scratch, scratch);
+    if (result != ENVSAMP_OK)
+        return result;
+    envsamp__lights_carve(l, image, desc, mask, &arena);
+    envsamp__fill_row_sr(image, l->row_sr);
+    if (l->azimuth) {
+        envsamp__fill_angles(l->azimuth, image->width, 2.0);
+        envsamp__fill_angles(l->polar, image->height,
+                             image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
+    }
+    l->info.count = desc->count;
+    l->info.bad_pixel_count = l->labels ? envsamp__find_emission(l)
+                                        : envsamp__begin_regions(l, ENVSAMP__ANY, desc->method);
+    if (desc->strict && l->info.bad_pixel_count)
+        return ENVSAMP_ERR_VALUE;
+    return l->total.luminance + l->light[0] + l->light[1] > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
@@ -8284,17 +8265,8 @@ ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
                                                 envsamp_sizes *sizes)
 {
     envsamp_lights_desc filled = envsamp__lights_filled(desc);
-    envsamp__arena arena = { NULL, 0 };
-    envsamp__lights l;
-    envsamp_result result = envsamp__begin_sizes(image, sizes);
 
-    desc = &filled;
-    if (result != ENVSAMP_OK)
-        return result;
-    if (!envsamp__lights_good(desc, 0))
-        return ENVSAMP_ERR_PARAM;
-    envsamp__lights_carve(&l, image, desc, &arena);
-    return envsamp__set_sizes(sizes, 0, arena.used);
+    return envsamp__lights_check(image, &filled, NULL, sizes);
 }
 
 ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
@@ -8303,45 +8275,26 @@ ENVSAMP_DEF envsamp_result envsamp_lights(const envsamp_image *image,
                                           envsamp_buffer scratch, envsamp_lights_info *info)
 {
     envsamp_lights_desc filled = envsamp__lights_filled(desc);
-    envsamp__arena arena = { NULL, 0 };
-    envsamp_sizes sizes;
     envsamp__lights l;
-    envsamp_result result = envsamp_lights_sizes(image, &filled, &sizes);
 
-    if (result == ENVSAMP_OK)
-        result = lights ? envsamp__floats_check(image->pixels) : ENVSAMP_ERR_NULL;
-    if (result == ENVSAMP_OK)
-        result = capacity < filled.count ? ENVSAMP_ERR_MEMORY
-                                         : envsamp__buffers_check(&sizes, scratch, scratch);
+    if (!lights)
+        return ENVSAMP_ERR_NULL;
+    envsamp_result result = envsamp__lights_begin(&l, image, &filled, NULL, capacity, scratch);
     if (result != ENVSAMP_OK)
         return result;
-    arena.base = (char *)scratch.data;
-    envsamp__lights_carve(&l, image, &filled, &arena);
-    envsamp__fill_row_sr(image, l.row_sr);
-    if (l.azimuth) {
-        envsamp__fill_angles(l.azimuth, image->width, 2.0);
-        envsamp__fill_angles(l.polar, image->height,
-                             image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
-    }
-    l.info.count = filled.count;
-    l.info.bad_pixel_count = filled.method == ENVSAMP_LIGHTS_DECOMPOSED
-                           ? envsamp__find_emission(&l)
-                           : envsamp__begin_regions(&l, ENVSAMP__ANY, filled.method);
-    if (filled.strict && l.info.bad_pixel_count)
-        return ENVSAMP_ERR_VALUE;
-    if (!(l.total.luminance + l.dim[0] + l.bright[0] > 0.0))
-        return ENVSAMP_ERR_BLACK;
-    if (filled.method == ENVSAMP_LIGHTS_DECOMPOSED) {
+    if (l.labels) {
         envsamp__decompose(&l, lights);
-    } else if (filled.method == ENVSAMP_LIGHTS_RELAXED) {
+    } else if (l.movers) {
         envsamp__relax_lights(&l, lights);
-    } else if (!l.texels) {
+    } else if (l.regions) {
         envsamp__cut_lights(&l, filled.count, lights);
     } else {
-        envsamp__halftone_scan(&l.halftone, l.total.luminance, 0, filled.count, l.texels);
+        l.halftone.total = l.total.luminance;
+        envsamp__halftone_scan(&l.halftone);
         envsamp__texel_lights(&l, lights);
     }
     envsamp__balance_lights(&l, lights);
+    ENVSAMP_MEMCPY(l.info.integral, l.total.rgb, sizeof l.info.integral);
     if (info)
         *info = l.info;
     return ENVSAMP_OK;
@@ -8352,43 +8305,14 @@ ENVSAMP_DEF envsamp_result envsamp_emissive_mask(const envsamp_image *image,
                                                  envsamp_buffer scratch, float *threshold)
 {
     envsamp_lights_desc filled = envsamp__lights_filled(desc);
-    envsamp__arena arena = { NULL, 0 };
     envsamp__lights l;
-    envsamp_sizes sizes;
 
-    if (!image || !image->pixels || !mask)
+    if (!mask)
         return ENVSAMP_ERR_NULL;
-    envsamp_result result = envsamp__image_check(image);
-    if (result == ENVSAMP_OK && !envsamp__lights_good(&filled, 1))
-        result = ENVSAMP_ERR_PARAM;
-    if (result == ENVSAMP_OK)
-        result = envsamp__floats_check(image->pixels);
-    if (result != ENVSAMP_OK)
-        return result;
-    l.image = image;
-    l.desc = &filled;
-    l.labels = mask;
-    do {                                /* counts bytes, then takes them */
-        arena.base = (char *)(arena.used > 0 ? scratch.data : NULL);
-        arena.used = 0;
-        l.row_sr = ENVSAMP__TAKE(double, &arena, image->height);
-        l.map = ENVSAMP__TAKE(float, &arena, (uint64_t)image->width * (uint64_t)image->height);
-        l.bins = ENVSAMP__TAKE(double, &arena, ENVSAMP__BINS);
-        result = envsamp__set_sizes(&sizes, 0, arena.used);
-        if (result == ENVSAMP_OK)
-            result = envsamp__buffers_check(&sizes, scratch, scratch);
-    } while (result == ENVSAMP_OK && !arena.base);
-    if (result != ENVSAMP_OK)
-        return result;
-    envsamp__fill_row_sr(image, l.row_sr);
-    size_t bad = envsamp__find_emission(&l);
-    if (filled.strict && bad)
-        return ENVSAMP_ERR_VALUE;
-    if (!(l.dim[0] + l.bright[0] > 0.0))
-        return ENVSAMP_ERR_BLACK;
-    if (threshold)
-        *threshold = l.threshold;
-    return ENVSAMP_OK;
+    envsamp_result result = envsamp__lights_begin(&l, image, &filled, mask, 0, scratch);
+    if (result == ENVSAMP_OK && threshold)
+        *threshold = l.info.threshold;
+    return result;
 }
 
 /* ---- interleaved sets ---- */
@@ -8478,11 +8402,13 @@ static double envsamp__lm_unit(const double *values, int count)
 /* |D x|, against which xtol and the rounding of x count; 0 where that is not finite. */
 static double envsamp__lm_scaled_norm(const envsamp__lm *lm)
 {
-    double scaled[ENVSAMP__LM_MAX_PARAMS] = { 0.0 };
+    double norm2 = 0.0;
 
-    for (int j = 0; j < lm->n; j++)
-        scaled[j] = lm->scale[j] * lm->params[j];
-    double norm2 = envsamp__dot(scaled, scaled, lm->n);
+    for (int j = 0; j < lm->n; j++) {
+        double scaled = lm->scale[j] * lm->params[j];
+
+        norm2 += scaled * scaled;
+    }
     return envsamp__exponent(&norm2, 1) < 0x7ff ? ENVSAMP_SQRT(norm2) : 0.0;
 }
 
@@ -8724,7 +8650,7 @@ ENVSAMP_DEF size_t envsamp_lm_scratch_bytes(const envsamp_lm_desc *desc)
             return 0;
     }
     size_t row_bytes = ((size_t)desc->param_count + 2) * sizeof(double);
-    return (size_t)desc->residual_count > (size_t)-1 / row_bytes
+    return (size_t)desc->residual_count > SIZE_MAX / row_bytes
         ? 0 : row_bytes * (size_t)desc->residual_count;
 }
 
