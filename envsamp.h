@@ -1200,7 +1200,7 @@ ENVSAMP__HOT float envsamp__positive(float t)
    from r = |(x, y)|. The zero vector is in the centre, as +z is; a NaN gives some point. The angle
    from the nearer pole comes from r / |z|, so nothing cancels near the poles and no square
    overflows; w becomes sqrt(1/2) times the sine of half of it. |c - t| is t where c is 0. */
-ENVSAMP__HOT void envsamp__octahedral_uv(float x, float y, float z, float r, float *u, float *v)
+ENVSAMP__MATH void envsamp__octahedral_uv(float x, float y, float z, float r, float *u, float *v)
 {
     float abs_x = ENVSAMP_FABSF(x), abs_y = ENVSAMP_FABSF(y), abs_z = ENVSAMP_FABSF(z);
     float big = abs_x > abs_y ? abs_x : abs_y, lesser = abs_x > abs_y ? abs_y : abs_x;
@@ -4916,95 +4916,74 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
     return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);
 }
 
-/* A float that is finite and not negative, or a place from `low` on and before `end`, some whole
-   nodes of `size` words further. */
-static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t end, uint32_t size)
+static int envsamp__floats_valid(const float *value, int count, float least, float most)
 {
-    uint32_t at = link & ~ENVSAMP__INNER;
+    int valid = 1;
 
-    return link & ENVSAMP__INNER ? at >= low && at < end && (at - low) % size == 0
-                                 : link < 0x7f800000u;
+    for (int i = 0; i < count; i++)
+        valid &= envsamp__in_range(value[i], least, most);
+    return valid;
 }
 
-/* Records with edges that rise, and bins that name blocks. */
-static int envsamp__kd_records_valid(const envsamp_kd *kd)
+/* Each a float that is finite and not negative, or a place from `low` on and before `end`, some
+   whole nodes of `size` words further. */
+static int envsamp__links_valid(const uint32_t *link, uint32_t count, uint32_t low, uint32_t end,
+                                uint32_t size)
+{
+    int valid = 1;
+
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t at = link[i] & ~ENVSAMP__INNER;
+
+        valid &= link[i] & ENVSAMP__INNER ? at >= low && at < end && (at - low) % size == 0
+                                          : link[i] < 0x7f800000u;
+    }
+    return valid;
+}
+
+/* Children come after their parents, so every descent ends. The cuts of nodes may be anything;
+   those of samples are multiples of 2^-24 of the unit square, so that a descent ends with a cut
+   below the sample and one above it: their order does not matter. */
+static int envsamp__kd_arrays_valid(const envsamp_kd *kd)
 {
     const envsamp__record *record = ENVSAMP__RECORDS(kd);
+    const envsamp__pdf_node *node = ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes);
+    const envsamp__facing_node *top = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
     const uint32_t *bins = ENVSAMP__ARRAY(uint32_t, kd, alias);
-    uint32_t cuts = envsamp__cut_link(kd, 0) & ~ENVSAMP__INNER, room = 1u << kd->alias_shift;
-    uint32_t bits = 24 - kd->alias_shift, count = envsamp__record_count(kd);
+    uint32_t at = envsamp__cut_link(kd, 0) & ~ENVSAMP__INNER, cuts_end = kd->alias_at / 4;
+    uint32_t nodes = kd->nodes_at / 4, end = kd->grid_at / 4, bits = 24 - kd->alias_shift;
+    int valid = envsamp__links_valid(ENVSAMP__ARRAY(uint32_t, kd, grid),
+                                     1u << (kd->grid_bits_x + kd->grid_bits_y), nodes, end, 7);
 
-    for (uint32_t i = 0; i < count; i++, record++) {
-        if (!envsamp__edges_valid(kd->mapping, record->edge)
-            || !envsamp__link_valid(record->link, cuts, kd->alias_at / 4, 4))
-            return 0;
+    for (uint32_t i = 0; i < envsamp__record_count(kd); i++)
+        valid &= envsamp__edges_valid(kd->mapping, record[i].edge)
+              && envsamp__links_valid(&record[i].link, 1, at, cuts_end, 4);
+    for (; at < cuts_end; at += 4) {
+        const envsamp__sample_node *cut = ENVSAMP__LINKED(envsamp__sample_node, kd, at);
+        int axis = envsamp__sign(cut->cut);
+        float place = ENVSAMP_FABSF(cut->cut);
+        float units = place * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+
+        valid &= envsamp__in_range(place, 0.0f, 1.0f) && (float)(int)units == units
+              && envsamp__edge_valid(kd->mapping, cut->edge, axis)
+              && envsamp__links_valid(cut->child, 2, at + 4, cuts_end, 4);
     }
     for (uint32_t i = 0; i < 1u << bits && kd->select == ENVSAMP_KD_ALIAS; i++) {
         uint32_t own = bins[i] >> bits, alias = bins[i] & ((1u << bits) - 1);
 
-        if (own > room || alias >= kd->block_count || (own > 0 && i >= kd->block_count))
-            return 0;
+        valid &= own <= 1u << kd->alias_shift && alias < kd->block_count
+              && (own == 0 || i < kd->block_count);
     }
-    return 1;
-}
-
-/* Cuts at multiples of 2^-24 of the unit square. Children come after their parents, so every
-   descent ends, and with a cut below the sample and one above it: their order does not matter. */
-static int envsamp__kd_cuts_valid(const envsamp_kd *kd)
-{
-    uint32_t at = envsamp__cut_link(kd, 0) & ~ENVSAMP__INNER, end = kd->alias_at / 4;
-
-    for (; at < end; at += 4) {
-        const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, at);
-        int axis = envsamp__sign(node->cut);
-        float cut = ENVSAMP_FABSF(node->cut);
-        float units = cut * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-
-        if (!envsamp__in_range(cut, 0.0f, 1.0f) || (float)(int)units != units
-            || !envsamp__edge_valid(kd->mapping, node->edge, axis)
-            || !envsamp__link_valid(node->child[0], at + 4, end, 4)
-            || !envsamp__link_valid(node->child[1], at + 4, end, 4))
-            return 0;
-    }
-    return 1;
-}
-
-static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
-{
-    const envsamp__pdf_node *nodes = ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes);
-    const uint32_t *grid = ENVSAMP__ARRAY(uint32_t, kd, grid);
-    uint32_t first = kd->nodes_at / 4, end = kd->grid_at / 4;
-
     for (uint32_t i = 0; i < kd->node_count; i++)
-        for (uint32_t k = 0; k < 4; k++)
-            if (!envsamp__link_valid(nodes[i].child[k], first + 7 * (i + 1), end, 7))
-                return 0;
-    for (uint32_t i = 0; i < 1u << (kd->grid_bits_x + kd->grid_bits_y); i++)
-        if (!envsamp__link_valid(grid[i], first, end, 7))
-            return 0;
-    return 1;
-}
-
-/* Numbers in their ranges, and children after their parents. */
-static int envsamp__kd_facing_valid(const envsamp_kd *kd)
-{
-    const envsamp__facing_node *node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
-    const uint32_t size = sizeof *node / 4;
-    uint32_t at = kd->facing_at / 4, end = at + size * kd->facing_count;
-
-    for (; at < end; at += size, node++) {
-        for (uint32_t i = 0; i < 7; i++)
-            if (!envsamp__in_range(node->cut[i], -1.0f, 1.0f)
-                || !envsamp__in_range(node->edge[i], -2.0f, 4.0f))
-                return 0;
-        for (uint32_t i = 0; i < 8; i++)
-            if (!envsamp__link_valid(node->child[i / 4][i % 4], at + size, end, size))
-                return 0;
-        for (uint32_t i = 0; i < 72; i++)
-            if (!envsamp__in_range(node->moment[i / 8][i % 8 / 4][i % 4], -4.0f, 4.0f))
-                return 0;
-    }
-    return 1;
+        valid &= envsamp__links_valid(node[i].child, 4, nodes + 7 * (i + 1), end, 7);
+    at = kd->facing_at / 4;
+    end = (uint32_t)kd->bytes / 4;
+    for (uint32_t size = sizeof *top / 4; at < end; at += size, top++)
+        valid &= envsamp__floats_valid(top->cut, 7, -1.0f, 1.0f)
+              && envsamp__floats_valid(top->edge, 7, -2.0f, 4.0f)
+              && envsamp__links_valid(top->child[0], 8, at + size, end, size)
+              && envsamp__floats_valid(top->moment[0][0], 72, -4.0f, 4.0f);
+    return valid;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, const envsamp_kd **kd)
@@ -5020,8 +4999,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, cons
         return result;
     if (!envsamp__kd_header_valid(header)
         || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
-        || !envsamp__kd_records_valid(header) || !envsamp__kd_cuts_valid(header)
-        || !envsamp__kd_nodes_valid(header) || !envsamp__kd_facing_valid(header))
+        || !envsamp__kd_arrays_valid(header))
         return ENVSAMP_ERR_FORMAT;
     *kd = header;
     return ENVSAMP_OK;
@@ -6454,15 +6432,15 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *
 /* The texel in a direction. r is |(x, y)|. v is half a turn of the arc tangent of r / |z|, which is
    an eighth of a turn and that of t: the sum of envsamp__octant_turn, but in pairs, as it waits for
    r. */
-ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x, float y, float z,
-                                                float r)
+ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, int octahedral, float x,
+                                                float y, float z, float r)
 {
     float high = ENVSAMP_FABSF(z), sum = r + high, u, v;
     envsamp__cdf_place at;
 
     at.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum);
-    if (cdf->mapping == ENVSAMP_OCTAHEDRAL) {
-        envsamp__l1_coords d = envsamp__dir_to_grid(cdf->mapping, x, y, z, r);
+    if (octahedral) {
+        envsamp__l1_coords d = envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, x, y, z, r);
 
         u = 0.25f * d.azimuth;
         v = 0.5f * d.polar;
@@ -6485,8 +6463,9 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_cdf_pdf(const envsamp_cdf *cdf, const float dir[3])
 {
     ENVSAMP_ASSERT(cdf && dir);
-    return envsamp__cdf_density(cdf, envsamp__cdf_at(cdf, dir[0], dir[1], dir[2],
-                                    ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1])));
+    float r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
+    return envsamp__cdf_density(cdf, envsamp__cdf_at(cdf, cdf->mapping == ENVSAMP_OCTAHEDRAL,
+                                                     dir[0], dir[1], dir[2], r));
 }
 
 /* The number that draws the fraction f of the way from one edge to the next. */
@@ -6506,7 +6485,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
 
     ENVSAMP_ASSERT(cdf && dir && u);
     u[0] = u[1] = 0.0f;
-    envsamp__cdf_place at = envsamp__cdf_at(cdf, dir[0], dir[1], dir[2],
+    envsamp__cdf_place at = envsamp__cdf_at(cdf, cdf->mapping == ENVSAMP_OCTAHEDRAL, dir[0],
+                                            dir[1], dir[2],
                                             ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (!(envsamp__cdf_density(cdf, at) > 0.0f))
         return 0;
@@ -6574,6 +6554,7 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 {
     envsamp__cdf_place at[ENVSAMP__BATCH];
     float r[ENVSAMP__BATCH];
+    int octahedral = cdf->mapping == ENVSAMP_OCTAHEDRAL;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
     for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
@@ -6582,10 +6563,12 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
         for (size_t i = 0; i < count; i++)
             r[i] = x[start + i] * x[start + i] + y[start + i] * y[start + i];
         envsamp__sqrt_n(r, (int)count);
-        for (size_t i = 0; i < count; i++) {
-            at[i] = envsamp__cdf_at(cdf, x[start + i], y[start + i], z[start + i], r[i]);
+        for (size_t i = 0; i < count && octahedral; i++)
+            at[i] = envsamp__cdf_at(cdf, 1, x[start + i], y[start + i], z[start + i], r[i]);
+        for (size_t i = 0; i < count && !octahedral; i++)
+            at[i] = envsamp__cdf_at(cdf, 0, x[start + i], y[start + i], z[start + i], r[i]);
+        for (size_t i = 0; i < count; i++)
             ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
-        }
         for (size_t i = 0; i < count; i++)
             pdf[start + i] = envsamp__cdf_density(cdf, at[i]);
     }
