@@ -5430,16 +5430,29 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf_facing(const envsamp_kd *kd,
 
 /* ---- many at a time ---- */
 
-/* Points and densities of a batch: all x, all north, all south, all densities; before, of WARP, the
-   cuts that bound their blocks. */
-typedef struct envsamp__batch { float at[4 * ENVSAMP__BATCH]; } envsamp__batch;
-
-ENVSAMP__HOT void envsamp__batch_put(envsamp__batch *batch, int i, envsamp__point p, float pdf)
+/* Points and densities of a batch are all x, all north, all south, all densities; before, of WARP,
+   the cuts that bound their blocks. */
+ENVSAMP__HOT void envsamp__batch_put(float *batch, int i, envsamp__point p, float pdf)
 {
-    batch->at[i] = p.x;
-    batch->at[ENVSAMP__BATCH + i] = p.north;
-    batch->at[2 * ENVSAMP__BATCH + i] = p.south;
-    batch->at[3 * ENVSAMP__BATCH + i] = pdf;
+    batch[i] = p.x;
+    batch[ENVSAMP__BATCH + i] = p.north;
+    batch[2 * ENVSAMP__BATCH + i] = p.south;
+    batch[3 * ENVSAMP__BATCH + i] = pdf;
+}
+
+/* Directions and densities of the first `count` of a batch. Those of some multiple of 16, so that
+   compilers vectorise. */
+static void envsamp__batch_out(uint32_t mapping, int count, const float *batch, float *x, float *y,
+                               float *z, float *pdf)
+{
+    float dir[3][ENVSAMP__BATCH];
+    size_t bytes = (size_t)count * sizeof(float);
+
+    envsamp__point_dirs(mapping, (count + 15) & 0x70, batch, dir[0], dir[1], dir[2]);
+    ENVSAMP_MEMCPY(x, dir[0], bytes);
+    ENVSAMP_MEMCPY(y, dir[1], bytes);
+    ENVSAMP_MEMCPY(z, dir[2], bytes);
+    ENVSAMP_MEMCPY(pdf, batch + 3 * ENVSAMP__BATCH, bytes);
 }
 
 /* Follows the links of a batch to their densities, one step of each that is still under way at a
@@ -5464,98 +5477,86 @@ ENVSAMP__HOT void envsamp__batch_walk(const envsamp_kd *kd, uint32_t *link, cons
 }
 
 ENVSAMP__HOT void envsamp__indexed_batch(const envsamp_kd *kd, int alias, const float *u,
-                                         envsamp__batch *out)
+                                         float *batch)
 {
     for (int i = 0; i < ENVSAMP__BATCH; i++) {
         float pdf;
         envsamp__point p = envsamp__indexed_sample(kd, alias, u[i], u[ENVSAMP__BATCH + i], &pdf);
 
-        envsamp__batch_put(out, i, p, pdf);
+        envsamp__batch_put(batch, i, p, pdf);
     }
 }
 
 /* f: the numbers, which become fractions of blocks. */
-ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, envsamp__batch *out)
+ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, float *batch)
 {
-    float *cut = out->at, edge[4 * ENVSAMP__BATCH];
+    float *cut = batch, edge[4 * ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
 
     for (int i = 0; i < ENVSAMP__BATCH; i++)
         link[i] = envsamp__warp_start(kd, f + i, cut + i, edge + i, ENVSAMP__BATCH);
     envsamp__batch_walk(kd, link, NULL, f, cut, edge);
     for (int i = 0; i < ENVSAMP__BATCH; i++)
-        envsamp__batch_put(out, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
+        envsamp__batch_put(batch, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
                            envsamp__bits_float(link[i]));
 }
 
-/* Changes n numbers each, one node at a time of all that are still under way. */
-static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *facing, uint32_t n,
-                                  float *u0, float *u1, float *ratio)
+/* Changes numbers as facing_warp, one node at a time of all that are still under way. */
+static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *cache, int count,
+                                  float *f, float *ratio)
 {
     envsamp__facing_walk walk[ENVSAMP__BATCH];
     uint32_t link = ENVSAMP__INNER;
 
-    for (uint32_t i = 0; i < n; i++)
-        walk[i] = envsamp__facing_start(kd, u0[i], u1[i]);
-    while (link & ENVSAMP__INNER)
-        for (uint32_t i = link = 0; i < n; i++)
+    for (int i = 0; i < count; i++)
+        walk[i] = envsamp__facing_start(kd, f[i], f[ENVSAMP__BATCH + i]);
+    while (link & ENVSAMP__INNER) {
+        link = 0;
+        for (int i = 0; i < count; i++)
             if (walk[i].link & ENVSAMP__INNER) {
-                envsamp__facing_step(kd, facing->n, facing, &walk[i]);
+                envsamp__facing_step(kd, cache->n, cache, &walk[i]);
                 link |= walk[i].link;
             }
-    for (uint32_t i = 0; i < n; i++)
-        ratio[i] = envsamp__facing_end(&walk[i], &u0[i], &u1[i]);
+    }
+    for (int i = 0; i < count; i++)
+        ratio[i] = envsamp__facing_end(&walk[i], &f[i], &f[ENVSAMP__BATCH + i]);
 }
 
-/* At most ENVSAMP__BATCH samples, of light alone if `facing` is NULL. Loops are over a whole
-   batch, filled up with zeros: compilers vectorise them. */
-static void envsamp__sample_batch(const envsamp_kd *kd, envsamp__facing_cache *facing, size_t n,
-                                  const float *u0, const float *u1, float *const out[4])
-{
-    float u[3 * ENVSAMP__BATCH], *y = u + ENVSAMP__BATCH, *z = y + ENVSAMP__BATCH;
-    float ratio[ENVSAMP__BATCH];
-    envsamp__batch batch;
-
-    if (n < ENVSAMP__BATCH) {
-        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
-        u0 = (const float *)ENVSAMP_MEMCPY(batch.at, u0, n * sizeof *u);
-        u1 = (const float *)ENVSAMP_MEMCPY(batch.at + ENVSAMP__BATCH, u1, n * sizeof *u);
-    }
-    for (int i = 0; i < ENVSAMP__BATCH; i++) {
-        u[i] = envsamp__clamp_unit(u0[i]);
-        y[i] = envsamp__clamp_unit(u1[i]);
-    }
-    if (facing)
-        envsamp__facing_batch(kd, facing, (uint32_t)n, u, y, ratio);
-    if (kd->select == ENVSAMP_KD_WARP)
-        envsamp__warp_batch(kd, u, &batch);
-    else if (kd->select == ENVSAMP_KD_ALIAS)
-        envsamp__indexed_batch(kd, 1, u, &batch);
-    else
-        envsamp__indexed_batch(kd, 0, u, &batch);
-    for (int i = 0; i < (int)n && facing; i++)
-        batch.at[3 * ENVSAMP__BATCH + i] = envsamp__at_most(batch.at[3 * ENVSAMP__BATCH + i]
-                                                            * ratio[i], FLT_MAX);
-    envsamp__point_dirs(kd->mapping, ENVSAMP__BATCH, batch.at, u, y, z);
-    for (int i = 0; i < 4; i++)
-        ENVSAMP_MEMCPY(out[i], i < 3 ? u + i * ENVSAMP__BATCH : batch.at + 3 * ENVSAMP__BATCH,
-                       n * sizeof *u);
-}
-
+/* Loops are over a whole batch, filled up with whatever there is: compilers vectorise them. */
 ENVSAMP_DEF void envsamp_kd_sample_facing_n(const envsamp_kd *kd, const float normal[3], size_t n,
                                             const float *u0, const float *u1, float *x, float *y,
                                             float *z, float *pdf)
 {
-    envsamp__facing_cache cache, *facing;
+    float f[2 * ENVSAMP__BATCH], ratio[ENVSAMP__BATCH], batch[4 * ENVSAMP__BATCH] = { 0.0f };
+    float *density = batch + 3 * ENVSAMP__BATCH;
+    envsamp__facing_cache cache;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
-    facing = normal && envsamp__facing_normal(kd, normal, cache.n) ? &cache : NULL;
+    int facing = normal && envsamp__facing_normal(kd, normal, cache.n);
     cache.known = 0;
-    for (size_t i = 0; i < n; i += ENVSAMP__BATCH) {
-        float *const out[4] = { x + i, y + i, z + i, pdf + i };
+    for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
+        int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
+        size_t bytes = (size_t)count * sizeof(float);
+        const float *u[2] = { u0 + start, u1 + start };
 
-        envsamp__sample_batch(kd, facing, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, u0 + i,
-                              u1 + i, out);
+        for (int k = 0; k < 2 && count < ENVSAMP__BATCH; k++)
+            u[k] = (const float *)ENVSAMP_MEMCPY(batch + k * ENVSAMP__BATCH, u[k], bytes);
+        for (int i = 0; i < ENVSAMP__BATCH; i++) {
+            f[i] = envsamp__clamp_unit(u[0][i]);
+            f[ENVSAMP__BATCH + i] = envsamp__clamp_unit(u[1][i]);
+        }
+        if (facing)
+            envsamp__facing_batch(kd, &cache, count, f, ratio);
+        if (kd->select == ENVSAMP_KD_WARP)
+            envsamp__warp_batch(kd, f, batch);
+        else if (kd->select == ENVSAMP_KD_ALIAS)
+            envsamp__indexed_batch(kd, 1, f, batch);
+        else
+            envsamp__indexed_batch(kd, 0, f, batch);
+        for (int i = 0; i < count && facing; i++)
+            density[i] = envsamp__at_most(density[i] * ratio[i], FLT_MAX);
+        envsamp__batch_out(kd->mapping, count, batch, x + start, y + start, z + start,
+                           pdf + start);
     }
 }
 
@@ -5565,51 +5566,46 @@ ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float
     envsamp_kd_sample_facing_n(kd, NULL, n, u0, u1, x, y, z, pdf);
 }
 
-static void envsamp__pdf_batch(const envsamp_kd *kd, envsamp__facing_cache *facing, size_t n,
-                               const float *x, const float *y, const float *z, float *pdf)
-{
-    float end = envsamp__polar_end(kd->mapping), r[ENVSAMP__BATCH], in[3][ENVSAMP__BATCH];
-    uint64_t place[ENVSAMP__BATCH];
-    uint32_t link[ENVSAMP__BATCH];
-
-    if (n < ENVSAMP__BATCH) {
-        ENVSAMP_MEMSET(in, 0, sizeof in);
-        x = (const float *)ENVSAMP_MEMCPY(in[0], x, n * sizeof *x);
-        y = (const float *)ENVSAMP_MEMCPY(in[1], y, n * sizeof *y);
-        z = (const float *)ENVSAMP_MEMCPY(in[2], z, n * sizeof *z);
-    }
-    for (int i = 0; i < ENVSAMP__BATCH; i++)
-        r[i] = x[i] * x[i] + y[i] * y[i];
-    envsamp__sqrt_n(r, ENVSAMP__BATCH);
-    for (int i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++)
-        link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, x[i], y[i], z[i],
-                                                              r[i]), &place[i]);
-    for (int i = 0; i < ENVSAMP__BATCH && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
-        envsamp__l1_coords d = envsamp__to_l1_coords(x[i], y[i], z[i], r[i]);
-
-        d.valid &= d.polar <= end;
-        link[i] = envsamp__grid_link(kd, d, &place[i]);
-    }
-    envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
-    for (int i = 0; i < (int)n && facing; i++)
-        if (link[i])
-            link[i] = envsamp__float_bits(envsamp__facing_density(
-                kd, facing->n, facing, place[i], envsamp__bits_float(link[i])));
-    ENVSAMP_MEMCPY(pdf, link, n * sizeof *pdf);
-}
-
 ENVSAMP_DEF void envsamp_kd_pdf_facing_n(const envsamp_kd *kd, const float normal[3], size_t n,
                                          const float *x, const float *y, const float *z,
                                          float *pdf)
 {
-    envsamp__facing_cache cache, *facing;
+    float copy[3][ENVSAMP__BATCH] = { { 0.0f } }, r[ENVSAMP__BATCH];
+    uint64_t place[ENVSAMP__BATCH];
+    uint32_t link[ENVSAMP__BATCH];
+    envsamp__facing_cache cache;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
-    facing = normal && envsamp__facing_normal(kd, normal, cache.n) ? &cache : NULL;
+    float end = envsamp__polar_end(kd->mapping);
+    int facing = normal && envsamp__facing_normal(kd, normal, cache.n);
     cache.known = 0;
-    for (size_t i = 0; i < n; i += ENVSAMP__BATCH)
-        envsamp__pdf_batch(kd, facing, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, x + i,
-                           y + i, z + i, pdf + i);
+    for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
+        int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
+        size_t bytes = (size_t)count * sizeof(float);
+        const float *in[3] = { x + start, y + start, z + start };
+
+        for (int k = 0; k < 3 && count < ENVSAMP__BATCH; k++)
+            in[k] = (const float *)ENVSAMP_MEMCPY(copy[k], in[k], bytes);
+        for (int i = 0; i < ENVSAMP__BATCH; i++)
+            r[i] = in[0][i] * in[0][i] + in[1][i] * in[1][i];
+        envsamp__sqrt_n(r, ENVSAMP__BATCH);
+        for (int i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++)
+            link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, in[0][i],
+                                                                  in[1][i], in[2][i], r[i]),
+                                         &place[i]);
+        for (int i = 0; i < ENVSAMP__BATCH && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
+            envsamp__l1_coords d = envsamp__to_l1_coords(in[0][i], in[1][i], in[2][i], r[i]);
+
+            d.valid &= d.polar <= end;
+            link[i] = envsamp__grid_link(kd, d, &place[i]);
+        }
+        envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
+        for (int i = 0; i < count && facing; i++)
+            if (link[i])
+                link[i] = envsamp__float_bits(envsamp__facing_density(
+                    kd, cache.n, &cache, place[i], envsamp__bits_float(link[i])));
+        ENVSAMP_MEMCPY(pdf + start, link, bytes);
+    }
 }
 
 ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
@@ -5654,27 +5650,26 @@ ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, en
     return high;
 }
 
-/* Both trees of the table divide the map alike: that of densities tells the side of each cut. */
-ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
-                                                 float u[2])
+/* envsamp_kd_invert, and the place of the direction. Both trees of the table divide the map alike:
+   that of densities tells the side of each cut. */
+ENVSAMP_DEVICE static int envsamp__invert(const envsamp_kd *kd, const float dir[3], float u[2],
+                                          uint64_t *place)
 {
     uint32_t tile[2] = { 0, 0 }, link;
     envsamp__descent down;
     float cut[4], edge[4];
-    uint64_t place;
     int axis;
 
-    ENVSAMP_ASSERT(kd && dir && u);
     u[0] = u[1] = 0.0f;
     envsamp__l1_coords d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1] + 0.0f, dir[2],
                                                 ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (kd->select != ENVSAMP_KD_WARP || !d.valid)
         return 0;
-    envsamp__grid_link(kd, d, &place);
+    envsamp__grid_link(kd, d, place);
     down.link = ENVSAMP__INNER | kd->nodes_at / 4;
     down.cut = envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]) ? 0 : 2;
     for (uint32_t level = kd->tile_bits_x + kd->tile_bits_y; level > 0; level--) {
-        uint32_t high = envsamp__descend(kd, place, &down, &axis);
+        uint32_t high = envsamp__descend(kd, *place, &down, &axis);
 
         tile[axis] = 2 * tile[axis] + high;
     }
@@ -5683,7 +5678,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     link = envsamp__enter_tile(kd, (int)((tile[1] << kd->tile_bits_x) + tile[0]), cut, edge, 1);
     while (link & ENVSAMP__INNER)
         link = envsamp__take_side(ENVSAMP__LINKED(envsamp__sample_node, kd, link),
-                                  envsamp__descend(kd, place, &down, &axis), cut, edge, 1);
+                                  envsamp__descend(kd, *place, &down, &axis), cut, edge, 1);
     if (!link || !envsamp__edges_valid(kd->mapping, edge))     /* not so in a damaged table */
         return 0;
     envsamp__exact e = envsamp__dir_exact(kd->mapping, dir);
@@ -5694,12 +5689,21 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     return 1;
 }
 
+ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
+                                                 float u[2])
+{
+    uint64_t place;
+
+    ENVSAMP_ASSERT(kd && dir && u);
+    return envsamp__invert(kd, dir, u, &place);
+}
+
 /* The numbers of which facing_warp makes those of light alone. */
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
                                                         const float normal[3],
                                                         const float dir[3], float u[2])
 {
-    float n[9], bound[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, sum[15], to[3];
+    float n[9], bound[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, sum[15];
     double start[2] = { 0.0, 0.0 }, size[2] = { 1.0, 1.0 };
     envsamp__weights w;
     uint32_t link, high, at;
@@ -5707,14 +5711,10 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
     int axis;
 
     ENVSAMP_ASSERT(kd && normal && dir && u);
-    if (!envsamp_kd_invert(kd, dir, u))
+    if (!envsamp__invert(kd, dir, u, &place))
         return 0;
     if (!envsamp__facing_normal(kd, normal, n))
         return 1;
-    to[0] = dir[0];
-    to[1] = dir[1] + 0.0f;              /* as kd_invert: at the seam -0 is 0 */
-    to[2] = dir[2];
-    envsamp__density(kd, to, &place);
     const envsamp__facing_node *node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
     do {
         envsamp__facing_weigh(node, n, &w);
@@ -6512,15 +6512,11 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
 {
     uint32_t row[ENVSAMP__BATCH], across[ENVSAMP__BATCH], down[ENVSAMP__BATCH];
     const uint16_t *guide[ENVSAMP__BATCH];
-    float dir[3][ENVSAMP__BATCH], density;
-    envsamp__batch batch;
+    float batch[4 * ENVSAMP__BATCH] = { 0.0f }, density;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
-    if (n % ENVSAMP__BATCH)
-        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
     for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
         int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
-        size_t bytes = (size_t)count * sizeof(float);
 
         for (int i = 0; i < count; i++) {
             across[i] = envsamp__draw(u0[start + (size_t)i]);
@@ -6539,13 +6535,10 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
         for (int i = 0; i < count; i++) {
             envsamp__point p = envsamp__cdf_point(cdf, row[i], down[i], across[i], &density);
 
-            envsamp__batch_put(&batch, i, p, density);
+            envsamp__batch_put(batch, i, p, density);
         }
-        envsamp__point_dirs(cdf->mapping, (count + 15) & 0x70, batch.at, dir[0], dir[1], dir[2]);
-        ENVSAMP_MEMCPY(x + start, dir[0], bytes);
-        ENVSAMP_MEMCPY(y + start, dir[1], bytes);
-        ENVSAMP_MEMCPY(z + start, dir[2], bytes);
-        ENVSAMP_MEMCPY(pdf + start, batch.at + 3 * ENVSAMP__BATCH, bytes);
+        envsamp__batch_out(cdf->mapping, count, batch, x + start, y + start, z + start,
+                           pdf + start);
     }
 }
 
