@@ -3850,33 +3850,22 @@ ENVSAMP__MATH uint32_t envsamp__cut_link(const envsamp_kd *kd, uint32_t number)
                       + number * sizeof(envsamp__sample_node)) / 4;
 }
 
-/* The place of an array that follows those that end at `end`, which moves on to its end. */
-static uint32_t envsamp__allot(uint32_t *end, uint32_t count, uint32_t size)
-{
-    uint32_t at = *end;
-
-    *end += count * size;
-    return at;
-}
-
 /* Puts the arrays in their places, and sets whatever else follows from the other fields. */
 static void envsamp__kd_layout(envsamp_kd *kd)
 {
-    uint32_t bits = envsamp__bits(kd->block_count), end = (uint32_t)sizeof *kd;
-    uint32_t records = envsamp__record_count(kd);
+    uint32_t bits = envsamp__bits(kd->block_count), records = envsamp__record_count(kd);
 
     kd->alias_shift = 24 - bits;
     kd->grid_bits_x = bits / 2 + 1;             /* up to four cells a block */
     kd->grid_bits_y = (bits + 1) / 2;
     kd->fit_alpha = (float)kd->alpha;
     kd->fit_end = envsamp__bits_float(envsamp__float_bits((float)kd->drawn_count) - 1);
-    envsamp__allot(&end, records, sizeof(envsamp__record));
-    envsamp__allot(&end, kd->block_count - records, sizeof(envsamp__sample_node));
-    kd->alias_at = envsamp__allot(&end, kd->select == ENVSAMP_KD_ALIAS ? 1u << bits : 0, 4);
-    kd->nodes_at = envsamp__allot(&end, kd->node_count, sizeof(envsamp__pdf_node));
-    kd->grid_at = envsamp__allot(&end, 1u << (kd->grid_bits_x + kd->grid_bits_y), 4);
-    kd->facing_at = envsamp__allot(&end, kd->facing_count, sizeof(envsamp__facing_node));
-    kd->bytes = end;
+    kd->alias_at = (uint32_t)(sizeof *kd + records * sizeof(envsamp__record)
+                              + (kd->block_count - records) * sizeof(envsamp__sample_node));
+    kd->nodes_at = kd->alias_at + (kd->select == ENVSAMP_KD_ALIAS ? 4u << bits : 0);
+    kd->grid_at = kd->nodes_at + kd->node_count * (uint32_t)sizeof(envsamp__pdf_node);
+    kd->facing_at = kd->grid_at + (4u << (kd->grid_bits_x + kd->grid_bits_y));
+    kd->bytes = kd->facing_at + kd->facing_count * sizeof(envsamp__facing_node);
 }
 
 /* ---- jobs ---- */
@@ -3999,7 +3988,7 @@ typedef struct envsamp__part {
 /* What a part of the tree is to `facing`: its edges x0, x1, y0, y1 in the unit square, its area
    there, and sums over what it draws of directions and of products xx, yy, zz, xy, xz, yz of their
    components. */
-typedef struct envsamp__facing_sum { float cut[4], area, first[3], second[6]; } envsamp__facing_sum;
+typedef struct envsamp__facing_sum { float cut[4], area, moment[9]; } envsamp__facing_sum;
 
 struct envsamp_kd_job {
     envsamp__job base;
@@ -4221,7 +4210,7 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
     const envsamp__cut *cut = &job->tree.cuts[p->link];
     int axis = cut->axis;
     float side = (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-    uint32_t units = (uint32_t)((p->cut[2 * axis + 1] - p->cut[2 * axis]) * side), cut_at;
+    uint32_t units = (uint32_t)((p->cut[2 * axis + 1] - p->cut[2 * axis]) * side);
     double low_q = envsamp__link_q(&job->tree, job->probability, cut->child[0]);
     double high_q = envsamp__link_q(&job->tree, job->probability, cut->child[1]);
 
@@ -4232,12 +4221,10 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
         low->is_merged = high->is_merged = 1;
         return 0;
     }
-    cut_at = (uint32_t)((low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5) * (double)units
-                        + 0.5);
-    if (low_q > 0.0 && cut_at < 1)
-        cut_at = 1;
-    if (high_q > 0.0 && cut_at > units - 1)
-        cut_at = units - 1;
+    double share = low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5;
+    uint32_t cut_at = (uint32_t)(share * (double)units + 0.5);
+    cut_at += low_q > 0.0 && cut_at < 1;
+    cut_at -= high_q > 0.0 && cut_at > units - 1;
     node->cut = envsamp__with_sign(p->cut[2 * axis] + (float)cut_at / side, axis);
     node->edge = envsamp__stored_edge(job->tree.map, cut->at, axis);
     envsamp__take_side(node, 0, low->cut, low->edge, 1);
@@ -4271,12 +4258,9 @@ static void envsamp__facing_block(const envsamp_kd *kd, const float cut[4], cons
 {
     static const float place[3] = { 0.112701665f, 0.5f, 0.887298335f };
     static const float weight[3] = { 0.277777778f, 0.444444444f, 0.277777778f };
-    uint32_t bits[2], at[2];
+    const uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
+    const uint32_t at[2] = { tile & ((1u << bits[0]) - 1), tile >> bits[0] };
 
-    bits[0] = kd->tile_bits_x;
-    bits[1] = kd->tile_bits_y;
-    at[0] = tile & ((1u << bits[0]) - 1);
-    at[1] = tile >> bits[0];
     ENVSAMP_MEMSET(sum, 0, sizeof *sum);
     for (int i = 0; i < 4; i++)
         sum->cut[i] = ((float)at[i / 2] + cut[i]) / (float)(1u << bits[i / 2]);
@@ -4288,9 +4272,9 @@ static void envsamp__facing_block(const envsamp_kd *kd, const float cut[4], cons
         float w = sum->area * weight[i % 3] * weight[i / 3];
 
         for (int k = 0; k < 3; k++) {
-            sum->first[k] += w * s.dir[k];
-            sum->second[k] += w * s.dir[k] * s.dir[k];
-            sum->second[3 + k] += w * s.dir[k == 2] * s.dir[k == 0 ? 1 : 2];
+            sum->moment[k] += w * s.dir[k];
+            sum->moment[3 + k] += w * s.dir[k] * s.dir[k];
+            sum->moment[6 + k] += w * s.dir[k == 2] * s.dir[k == 0 ? 1 : 2];
         }
     }
 }
@@ -4320,11 +4304,8 @@ static void envsamp__facing_cuts(const envsamp_kd_job *job)
         sum->cut[1] = high->cut[1];
         sum->cut[3] = high->cut[3];
         sum->area += high->area;
-        for (int k = 0; k < 3; k++) {
-            sum->first[k] += high->first[k];
-            sum->second[k] += high->second[k];
-            sum->second[3 + k] += high->second[3 + k];
-        }
+        for (int k = 0; k < 9; k++)
+            sum->moment[k] += high->moment[k];
     }
 }
 
@@ -4334,27 +4315,24 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
                                  uint32_t link)
 {
     const envsamp__facing_sum *sum = envsamp__facing_of(job, link);
-    const float *v = sum->first, share = ENVSAMP__FACING_VARIANCE, rest = 1.0f - share;
+    const float *v = sum->moment, share = ENVSAMP__FACING_VARIANCE, rest = 1.0f - share;
     float area = sum->area, bright = area * area;
     int side = number % 2, i = number / 2;
     uint32_t *child = &node->child[side][i];
 
     for (int k = 0; k < 3; k++) {
         node->moment[k][side][i] = v[k];
-        node->moment[3 + k][side][i] = 1.002f * (share * area * sum->second[k] + rest * v[k] * v[k])
-                           + ENVSAMP__FACING_FLOOR * bright;
-        node->moment[6 + k][side][i] = 2.004f * (share * area * sum->second[3 + k]
-                                           + rest * v[k == 2] * v[k == 0 ? 1 : 2]);
+        node->moment[3 + k][side][i] = 1.002f * (share * area * v[3 + k] + rest * v[k] * v[k])
+                                     + ENVSAMP__FACING_FLOOR * bright;
+        node->moment[6 + k][side][i] = 2.004f * (share * area * v[6 + k]
+                                                 + rest * v[k == 2] * v[k == 0 ? 1 : 2]);
     }
     float spread = bright - (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    *child = envsamp__float_bits(area > 0.0f ? 1.0f / area : 0.0f);
     if (envsamp__facing_cut(job, link) && spread > 0.0f) {
-        const envsamp_kd *kd = (const envsamp_kd *)job->base.table;
-
         *child = link;
         envsamp__heap_push(&job->tree.heap, (double)(spread / bright * ENVSAMP_SQRTF(area)),
-                           8 * kd->facing_count + (uint32_t)number, 0);
-    } else {
-        *child = envsamp__float_bits(area > 0.0f ? 1.0f / area : 0.0f);
+                           (uint32_t)(child - (uint32_t *)job->base.table), 0);
     }
 }
 
@@ -4362,33 +4340,24 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
    higher side. */
 static void envsamp__facing_fill(envsamp_kd_job *job, envsamp__facing_node *node, uint32_t link)
 {
-    uint32_t part[15];
+    uint32_t part[15] = { link };
 
-    part[0] = link;
-    for (int at = 0; at < 15; at++) {
+    for (int at = 0; at < 7; at++) {
         const envsamp__cut *cut = envsamp__facing_cut(job, part[at]);
 
-        int exists = part[at] != ENVSAMP__NO_PART;
-        if (at >= 7) {
-            if (exists)
-                envsamp__facing_part(job, node, at - 7, part[at]);
-            continue;
-        }
-        node->edge[at] = cut ? envsamp__tree_cut(job->tree.map, cut) : 0.0f;
-        node->cut[at] = exists ? envsamp__facing_of(job, part[at])->cut[0] : 0.0f;
-        if (cut)
-            node->cut[at] = envsamp__with_sign(envsamp__facing_of(job, cut->child[1])
-                                               ->cut[2 * cut->axis], cut->axis);
         part[2 * at + 1] = cut ? cut->child[0] : ENVSAMP__NO_PART;
         part[2 * at + 2] = cut ? cut->child[1] : part[at];
+        if (cut) {
+            node->edge[at] = envsamp__tree_cut(job->tree.map, cut);
+            node->cut[at] = envsamp__with_sign(envsamp__facing_of(job, cut->child[1])
+                                               ->cut[2 * cut->axis], cut->axis);
+        } else if (part[at] != ENVSAMP__NO_PART) {
+            node->cut[at] = envsamp__facing_of(job, part[at])->cut[0];
+        }
     }
-}
-
-static uint32_t *envsamp__facing_child(envsamp_kd *kd, uint32_t number)
-{
-    envsamp__facing_node *nodes = ENVSAMP__ARRAY_OUT(envsamp__facing_node, kd, facing);
-
-    return &nodes[number / 8].child[number % 2][number % 8 / 2];
+    for (int i = 0; i < 8; i++)
+        if (part[7 + i] != ENVSAMP__NO_PART)
+            envsamp__facing_part(job, node, i, part[7 + i]);
 }
 
 /* Opens the part of the largest key until there are as many nodes as memory for them. */
@@ -4396,23 +4365,22 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
 {
     envsamp__facing_node *node = ENVSAMP__ARRAY_OUT(envsamp__facing_node, kd, facing);
     envsamp__heap *heap = &job->tree.heap;
-    uint32_t limit = envsamp__facing_limit(job->tree.block_count), *child;
-    uint32_t link = envsamp__root(&job->tree), place = kd->facing_at / 4;
+    uint32_t limit = envsamp__facing_limit(job->tree.block_count), size = sizeof *node / 4;
+    uint32_t *words = (uint32_t *)job->base.table, *child, link = envsamp__root(&job->tree);
 
     envsamp__facing_cuts(job);
     for (heap->count = 0; envsamp__facing_cut(job, link); node++) {
         envsamp__facing_fill(job, node, link);
-        place += (uint32_t)sizeof *node / 4;
         if (++kd->facing_count == limit || heap->count == 0)
             break;
-        child = envsamp__facing_child(kd, heap->entries[0].item);
+        child = words + heap->entries[0].item;
         heap->entries[0] = heap->entries[--heap->count];
         envsamp__heap_settle(heap);
         link = *child;
-        *child = ENVSAMP__INNER | place;
+        *child = ENVSAMP__INNER | (kd->facing_at / 4 + size * kd->facing_count);
     }
-    for (; heap->count > 0; heap->count--) {
-        child = envsamp__facing_child(kd, heap->entries[heap->count - 1].item);
+    while (heap->count > 0) {
+        child = words + heap->entries[--heap->count].item;
         *child = envsamp__float_bits(1.0f / envsamp__facing_of(job, *child)->area);
     }
     envsamp__kd_layout(kd);
@@ -4422,10 +4390,9 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
 static envsamp__part envsamp__find_tile(const envsamp__tree *tree, const envsamp_kd *kd, uint32_t i)
 {
     envsamp__part p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 0, NULL, 0 };
-    uint32_t at[2], bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
+    uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
+    const uint32_t at[2] = { i & ((1u << bits[0]) - 1), i >> bits[0] };
 
-    at[0] = i & ((1u << kd->tile_bits_x) - 1);
-    at[1] = i >> kd->tile_bits_x;
     p.link = envsamp__root(tree);
     if (kd->mapping == ENVSAMP_LATLONG)
         p.edge[3] = -0.0f;
