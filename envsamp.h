@@ -3490,12 +3490,6 @@ ENVSAMP__MATH double envsamp__model_mass(double gamma, double x_over_alpha)
     return envsamp__model_g(gamma, x_over_alpha) - (gamma == 0.0 ? 0.0 : 1.0 / gamma);
 }
 
-/* The inverse of G: log2(1 + x/alpha). */
-ENVSAMP__MATH double envsamp__model_log_ratio(double gamma, double g)
-{
-    return gamma == 0.0 ? g : envsamp__log2(1.0 + gamma * g) / gamma;
-}
-
 #ifndef ENVSAMP_NO_FIT
 
 /* The objective at parameters (log2 alpha, beta), with its residuals unless those are NULL. DBL_MAX
@@ -4453,7 +4447,7 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
     const envsamp__tree *tree = &job->tree;
     envsamp__fit fit = { job->desc.model, job->desc.objective, 0, job->target, job->weight,
                          job->lm_scratch };
-    double *key = job->probability, total = 0.0, error;
+    double *key = job->probability, total = 0.0;
 
     for (int i = 0; i < tree->block_count; i++) {
         total += key[i];
@@ -4463,9 +4457,9 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
     for (int i = 0; i < tree->block_count; i++)
         job->target[i] = key[job->order[i]] / total;
     envsamp__fit_point best = envsamp__fit_solve(&fit);
-    double gamma = fit.model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(best.param[1]);
+    double gamma = envsamp__model_gamma(best.param[1]);
     kd->alpha = envsamp__exp2(best.param[0]);
-    kd->beta = fit.model == ENVSAMP_KD_LOG ? 1.0 : best.param[1];
+    kd->beta = best.param[1];
     kd->drawn_count = (uint32_t)fit.count;
     kd->fit_total = envsamp__model_mass(gamma, (double)fit.count / kd->alpha);
     kd->l1 = 0.0;
@@ -4474,8 +4468,9 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
         double high = i < fit.count ? envsamp__model_g(gamma, (double)(i + 1) / kd->alpha) : low;
 
         key[job->order[i]] = (high - low) / kd->fit_total;
-        error = tree->blocks[job->order[i]].whole.sum / tree->map->integral - key[job->order[i]];
-        kd->l1 += error < 0.0 ? -error : error;
+        double error = tree->blocks[job->order[i]].whole.sum / tree->map->integral
+                     - key[job->order[i]];
+        kd->l1 += ENVSAMP__FABS(error);
         low = high;
     }
 }
@@ -4748,18 +4743,18 @@ ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, 
         result = ENVSAMP_ERR_PARAM;
     if (result != ENVSAMP_OK)
         return result;
-    int is_partial = !envsamp__is_surveyed(image, &filled)
-                  && (first_row > 0 || row_count < image->height);
-    if (is_partial && !envsamp__has_cells(begun, image, filled.nearest))
+    if (envsamp__is_surveyed(image, &filled)) {     /* all rows are read */
+        first_row = 0;
+        row_count = INT_MAX;
+    }
+    if ((first_row > 0 || row_count < image->height)
+        && !envsamp__has_cells(begun, image, filled.nearest))
         return ENVSAMP_ERR_FORMAT;
     envsamp__kd_carve(begun, image, &filled, &arena);
-    if (is_partial) {
-        envsamp__map *map = &begun->base.map;
-
-        map->read_from = map->cells_from = envsamp__min(first_row, image->height);
-        map->read_to = map->read_from + envsamp__min(row_count, image->height);
-        map->cells_to = map->read_to + map->bilinear;
-    }
+    envsamp__map *map = &begun->base.map;
+    map->read_from = map->cells_from = envsamp__min(first_row, image->height);
+    map->read_to = map->read_from + envsamp__min(row_count, image->height);
+    map->cells_to = map->read_to + map->bilinear;
     ENVSAMP_MEMSET(table.data, 0, sizes.table_bytes);
     envsamp__job_start(&begun->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user);
     *job = begun;
@@ -5035,8 +5030,11 @@ ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0,
 
     low -= (float)(int)low;
     double g = ((double)u0 + (double)(low / ENVSAMP__UNIT)) * kd->fit_total;
-    if (kd->model == ENVSAMP_KD_POWER)
-        g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta), g);
+    if (kd->model == ENVSAMP_KD_POWER) {
+        double gamma = envsamp__model_gamma(kd->beta);
+
+        g = gamma == 0.0 ? g : envsamp__log2(1.0 + gamma * g) / gamma;
+    }
     float x = kd->fit_alpha * envsamp__exp2m1(g);
     x = envsamp__at_most(x > 0.0f ? x : 0.0f, kd->fit_end);
     choice.block = (int)x;
@@ -5780,7 +5778,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
         envsamp__warp_block(kd, (uint32_t)number, cut, edge);
     else
         pdf = envsamp__bits_float(envsamp__enter_tile(kd, number, cut, edge, 1));
-    double sr = envsamp__edges_sr(kd->mapping, edge);
+    double sr = envsamp__max(envsamp__edges_sr(kd->mapping, edge), 0.0);    /* of a damaged table */
     block->uv_min[0] = edge[0];
     block->uv_min[1] = envsamp__edge_v(kd->mapping, edge[2]);
     block->uv_max[0] = edge[1];
@@ -5789,7 +5787,6 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
         block->uv_min[1] = envsamp__clamp_unit(block->uv_min[1]);
         block->uv_max[1] = envsamp__bits_float(envsamp__float_bits(block->uv_min[1]) + 1);
     }
-    sr = envsamp__max(sr, 0.0);         /* of a damaged table, anything */
     block->solid_angle = (float)sr;
     block->probability = (float)(kd->select != ENVSAMP_KD_WARP ? (double)pdf * sr
                                  : envsamp__max(envsamp__region_area(kd, cut), 0.0));
