@@ -5150,7 +5150,7 @@ ENVSAMP__HOT uint32_t envsamp__node_step(const envsamp_kd *kd, uint32_t link, ui
 }
 
 /* The density in a direction, and its place. */
-ENVSAMP__HOT float envsamp__density(const envsamp_kd *kd, const float dir[3], uint64_t *place)
+ENVSAMP_DEVICE static float envsamp__density(const envsamp_kd *kd, const float dir[3], uint64_t *place)
 {
     float r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
     uint32_t link = envsamp__grid_link(kd, envsamp__dir_to_grid(kd->mapping, dir[0], dir[1],
@@ -5243,9 +5243,9 @@ ENVSAMP__HOT void envsamp__facing_weigh(const envsamp__facing_node *node, const 
 
 /* A normal, and, where many numbers share it, the weights that are known of the first nodes. */
 typedef struct envsamp__facing_cache {
+    envsamp__weights w[ENVSAMP__CACHED];
     float n[9];
     uint32_t known;
-    envsamp__weights w[ENVSAMP__CACHED];
 } envsamp__facing_cache;
 
 ENVSAMP__HOT const envsamp__weights *envsamp__facing_weights(const envsamp_kd *kd,
@@ -5467,23 +5467,21 @@ ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, float *bat
 }
 
 /* Changes numbers as facing_warp, one node at a time of all that are still under way. */
-static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *cache, int count,
-                                  float *f, float *ratio)
+static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *cache,
+                                  uint32_t count, float *f, float *ratio)
 {
     envsamp__facing_walk walk[ENVSAMP__BATCH];
     uint32_t link = ENVSAMP__INNER;
 
-    for (int i = 0; i < count; i++)
+    for (uint32_t i = 0; i < count; i++)
         walk[i] = envsamp__facing_start(kd, f[i], f[ENVSAMP__BATCH + i]);
-    while (link & ENVSAMP__INNER) {
-        link = 0;
-        for (int i = 0; i < count; i++)
+    while (link & ENVSAMP__INNER)
+        for (uint32_t i = link = 0; i < count; i++)
             if (walk[i].link & ENVSAMP__INNER) {
                 envsamp__facing_step(kd, cache->n, cache, &walk[i]);
                 link |= walk[i].link;
             }
-    }
-    for (int i = 0; i < count; i++)
+    for (uint32_t i = 0; i < count; i++)
         ratio[i] = envsamp__facing_end(&walk[i], &f[i], &f[ENVSAMP__BATCH + i]);
 }
 
@@ -5511,7 +5509,7 @@ ENVSAMP_DEF void envsamp_kd_sample_facing_n(const envsamp_kd *kd, const float no
             f[ENVSAMP__BATCH + i] = envsamp__clamp_unit(u[1][i]);
         }
         if (facing)
-            envsamp__facing_batch(kd, &cache, count, f, ratio);
+            envsamp__facing_batch(kd, &cache, (uint32_t)count, f, ratio);
         if (kd->select == ENVSAMP_KD_WARP)
             envsamp__warp_batch(kd, f, batch);
         else if (kd->select == ENVSAMP_KD_ALIAS)
@@ -5542,24 +5540,27 @@ ENVSAMP_DEF void envsamp_kd_pdf_facing_n(const envsamp_kd *kd, const float norma
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
     float end = envsamp__polar_end(kd->mapping);
+    int octahedral = kd->mapping == ENVSAMP_OCTAHEDRAL;
     int facing = normal && envsamp__facing_normal(kd, normal, cache.n);
     cache.known = 0;
     for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
         int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
         size_t bytes = (size_t)count * sizeof(float);
-        const float *in[3] = { x + start, y + start, z + start };
+        const float *a = x + start, *b = y + start, *c = z + start;
 
-        for (int k = 0; k < 3 && count < ENVSAMP__BATCH; k++)
-            in[k] = (const float *)ENVSAMP_MEMCPY(copy[k], in[k], bytes);
+        if (count < ENVSAMP__BATCH) {
+            a = (const float *)ENVSAMP_MEMCPY(copy[0], a, bytes);
+            b = (const float *)ENVSAMP_MEMCPY(copy[1], b, bytes);
+            c = (const float *)ENVSAMP_MEMCPY(copy[2], c, bytes);
+        }
         for (int i = 0; i < ENVSAMP__BATCH; i++)
-            r[i] = in[0][i] * in[0][i] + in[1][i] * in[1][i];
+            r[i] = a[i] * a[i] + b[i] * b[i];
         envsamp__sqrt_n(r, ENVSAMP__BATCH);
-        for (int i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++)
-            link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, in[0][i],
-                                                                  in[1][i], in[2][i], r[i]),
-                                         &place[i]);
-        for (int i = 0; i < ENVSAMP__BATCH && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
-            envsamp__l1_coords d = envsamp__to_l1_coords(in[0][i], in[1][i], in[2][i], r[i]);
+        for (int i = 0; i < ENVSAMP__BATCH && octahedral; i++)
+            link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, a[i], b[i],
+                                                                  c[i], r[i]), &place[i]);
+        for (int i = 0; i < ENVSAMP__BATCH && !octahedral; i++) {
+            envsamp__l1_coords d = envsamp__to_l1_coords(a[i], b[i], c[i], r[i]);
 
             d.valid &= d.polar <= end;
             link[i] = envsamp__grid_link(kd, d, &place[i]);
@@ -6520,12 +6521,14 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
         for (size_t i = 0; i < count; i++)
             r[i] = x[start + i] * x[start + i] + y[start + i] * y[start + i];
         envsamp__sqrt_n(r, (int)count);
-        for (size_t i = 0; i < count && octahedral; i++)
+        for (size_t i = 0; i < count && octahedral; i++) {
             at[i] = envsamp__cdf_at(cdf, 1, x[start + i], y[start + i], z[start + i], r[i]);
-        for (size_t i = 0; i < count && !octahedral; i++)
-            at[i] = envsamp__cdf_at(cdf, 0, x[start + i], y[start + i], z[start + i], r[i]);
-        for (size_t i = 0; i < count; i++)
             ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
+        }
+        for (size_t i = 0; i < count && !octahedral; i++) {
+            at[i] = envsamp__cdf_at(cdf, 0, x[start + i], y[start + i], z[start + i], r[i]);
+            ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
+        }
         for (size_t i = 0; i < count; i++)
             pdf[start + i] = envsamp__cdf_density(cdf, at[i]);
     }
