@@ -4954,17 +4954,15 @@ ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, cons
 
     if (!kd)
         return ENVSAMP_ERR_NULL;
-    *kd = NULL;
     envsamp_result result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__KD_MAGIC,
                                                  ENVSAMP__KD_VERSION);
-    if (result != ENVSAMP_OK)
-        return result;
-    if (!envsamp__kd_header_valid(header)
-        || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
-        || !envsamp__kd_arrays_valid(header))
-        return ENVSAMP_ERR_FORMAT;
-    *kd = header;
-    return ENVSAMP_OK;
+    if (result == ENVSAMP_OK
+        && (!envsamp__kd_header_valid(header)
+            || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
+            || !envsamp__kd_arrays_valid(header)))
+        result = ENVSAMP_ERR_FORMAT;
+    *kd = result == ENVSAMP_OK ? header : NULL;
+    return result;
 }
 
 ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd)
@@ -5150,7 +5148,8 @@ ENVSAMP__HOT uint32_t envsamp__node_step(const envsamp_kd *kd, uint32_t link, ui
 }
 
 /* The density in a direction, and its place. */
-ENVSAMP_DEVICE static float envsamp__density(const envsamp_kd *kd, const float dir[3], uint64_t *place)
+ENVSAMP_DEVICE static float envsamp__density(const envsamp_kd *kd, const float dir[3],
+                                             uint64_t *place)
 {
     float r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
     uint32_t link = envsamp__grid_link(kd, envsamp__dir_to_grid(kd->mapping, dir[0], dir[1],
@@ -5499,11 +5498,11 @@ ENVSAMP_DEF void envsamp_kd_sample_facing_n(const envsamp_kd *kd, const float no
     cache.known = 0;
     for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
         int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
-        size_t bytes = (size_t)count * sizeof(float);
         const float *u[2] = { u0 + start, u1 + start };
 
         for (int k = 0; k < 2 && count < ENVSAMP__BATCH; k++)
-            u[k] = (const float *)ENVSAMP_MEMCPY(batch + k * ENVSAMP__BATCH, u[k], bytes);
+            u[k] = (const float *)ENVSAMP_MEMCPY(batch + k * ENVSAMP__BATCH, u[k],
+                                                 (size_t)count * sizeof **u);
         for (int i = 0; i < ENVSAMP__BATCH; i++) {
             f[i] = envsamp__clamp_unit(u[0][i]);
             f[ENVSAMP__BATCH + i] = envsamp__clamp_unit(u[1][i]);
@@ -6229,13 +6228,13 @@ static int envsamp__cdf_edges_valid(const uint32_t *edges, uint32_t count, const
 }
 
 /* Rows that follow one another, with the densities of their edges, but for the rounding of low
-   rows. */
+   rows, and edges of texels. */
 static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
 {
     const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
-    const uint32_t *edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges), *last = edge + cdf->height;
+    const uint32_t *edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges);
 
-    for (; edge < last; edge++, row++) {
+    for (uint32_t y = 0; y < cdf->height; y++, edge++, row++) {
         const float e[4] = { 0.0f, 1.0f, envsamp__cdf_row_edge(row),
                              envsamp__cdf_row_edge(row + 1) };
         const envsamp__polar_pair top = envsamp__edge_pair(e[2]), end = envsamp__edge_pair(e[3]);
@@ -6246,7 +6245,10 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
         if (ENVSAMP_MEMCMP(&top, row, sizeof top) || ENVSAMP_MEMCMP(&end, row + 1, sizeof end)
             || !envsamp__edges_valid(cdf->mapping, e)
             || !envsamp__in_range(row->density, 0.0f, FLT_MAX / (2.0f * ENVSAMP__UNIT))
-            || !(ENVSAMP__FABS(claimed - draws) <= 0.01 * draws))
+            || !(ENVSAMP__FABS(claimed - draws) <= 0.01 * draws)
+            || !envsamp__cdf_edges_valid(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, y), cdf->width,
+                                         ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, y),
+                                         cdf->guide_bits))
             return 0;
     }
     return 1;
@@ -6276,11 +6278,6 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                      ENVSAMP__ARRAY(uint16_t, header, row_guide), header->row_bits)
         || !envsamp__cdf_rows_valid(header))
         return ENVSAMP_ERR_FORMAT;
-    for (uint32_t y = 0; y < header->height; y++)
-        if (!envsamp__cdf_edges_valid(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, header, y), header->width,
-                                      ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, header, y),
-                                      header->guide_bits))
-            return ENVSAMP_ERR_FORMAT;
     *cdf = header;
     return ENVSAMP_OK;
 }
