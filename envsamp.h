@@ -1209,7 +1209,7 @@ ENVSAMP__HOT float envsamp__positive(float t)
    from r = |(x, y)|. The zero vector is in the centre, as +z is; a NaN gives some point. The angle
    from the nearer pole comes from r / |z|, so nothing cancels near the poles and no square
    overflows; w becomes sqrt(1/2) times the sine of half of it. |c - t| is t where c is 0. */
-ENVSAMP__HOT void envsamp__octahedral_uv(float x, float y, float z, float r, float *u, float *v)
+ENVSAMP__MATH void envsamp__octahedral_uv(float x, float y, float z, float r, float *u, float *v)
 {
     float abs_x = ENVSAMP_FABSF(x), abs_y = ENVSAMP_FABSF(y), abs_z = ENVSAMP_FABSF(z);
     float big = abs_x > abs_y ? abs_x : abs_y, lesser = abs_x > abs_y ? abs_y : abs_x;
@@ -3460,12 +3460,6 @@ ENVSAMP__MATH double envsamp__model_mass(double gamma, double x_over_alpha)
     return envsamp__model_g(gamma, x_over_alpha) - (gamma == 0.0 ? 0.0 : 1.0 / gamma);
 }
 
-/* The inverse of G: log2(1 + x/alpha). */
-ENVSAMP__MATH double envsamp__model_log_ratio(double gamma, double g)
-{
-    return gamma == 0.0 ? g : envsamp__log2(1.0 + gamma * g) / gamma;
-}
-
 #ifndef ENVSAMP_NO_FIT
 
 /* The objective at parameters (log2 alpha, beta), with its residuals unless those are NULL. DBL_MAX
@@ -3820,33 +3814,22 @@ ENVSAMP__MATH uint32_t envsamp__cut_link(const envsamp_kd *kd, uint32_t number)
                       + number * sizeof(envsamp__sample_node)) / 4;
 }
 
-/* The place of an array that follows those that end at `end`, which moves on to its end. */
-static uint32_t envsamp__allot(uint32_t *end, uint32_t count, uint32_t size)
-{
-    uint32_t at = *end;
-
-    *end += count * size;
-    return at;
-}
-
 /* Puts the arrays in their places, and sets whatever else follows from the other fields. */
 static void envsamp__kd_layout(envsamp_kd *kd)
 {
-    uint32_t bits = envsamp__bits(kd->block_count), end = (uint32_t)sizeof *kd;
-    uint32_t records = envsamp__record_count(kd);
+    uint32_t bits = envsamp__bits(kd->block_count), records = envsamp__record_count(kd);
 
     kd->alias_shift = 24 - bits;
     kd->grid_bits_x = bits / 2 + 1;             /* up to four cells a block */
     kd->grid_bits_y = (bits + 1) / 2;
     kd->fit_alpha = (float)kd->alpha;
     kd->fit_end = envsamp__bits_float(envsamp__float_bits((float)kd->drawn_count) - 1);
-    envsamp__allot(&end, records, sizeof(envsamp__record));
-    envsamp__allot(&end, kd->block_count - records, sizeof(envsamp__sample_node));
-    kd->alias_at = envsamp__allot(&end, kd->select == ENVSAMP_KD_ALIAS ? 1u << bits : 0, 4);
-    kd->nodes_at = envsamp__allot(&end, kd->node_count, sizeof(envsamp__pdf_node));
-    kd->grid_at = envsamp__allot(&end, 1u << (kd->grid_bits_x + kd->grid_bits_y), 4);
-    kd->facing_at = envsamp__allot(&end, kd->facing_count, sizeof(envsamp__facing_node));
-    kd->bytes = end;
+    kd->alias_at = (uint32_t)(sizeof *kd + records * sizeof(envsamp__record)
+                              + (kd->block_count - records) * sizeof(envsamp__sample_node));
+    kd->nodes_at = kd->alias_at + (kd->select == ENVSAMP_KD_ALIAS ? 4u << bits : 0);
+    kd->grid_at = kd->nodes_at + kd->node_count * (uint32_t)sizeof(envsamp__pdf_node);
+    kd->facing_at = kd->grid_at + (4u << (kd->grid_bits_x + kd->grid_bits_y));
+    kd->bytes = kd->facing_at + kd->facing_count * sizeof(envsamp__facing_node);
 }
 
 /* ---- jobs ---- */
@@ -3968,7 +3951,7 @@ typedef struct envsamp__part {
 /* What a part of the tree is to `facing`: its edges x0, x1, y0, y1 in the unit square, its area
    there, and sums over what it draws of directions and of products xx, yy, zz, xy, xz, yz of their
    components. */
-typedef struct envsamp__facing_sum { float cut[4], area, first[3], second[6]; } envsamp__facing_sum;
+typedef struct envsamp__facing_sum { float cut[4], area, moment[9]; } envsamp__facing_sum;
 
 struct envsamp_kd_job {
     envsamp__job base;
@@ -4188,7 +4171,7 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
     const envsamp__cut *cut = &job->tree.cuts[p->link];
     int axis = cut->axis;
     float side = (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-    uint32_t units = (uint32_t)((p->cut[2 * axis + 1] - p->cut[2 * axis]) * side), cut_at;
+    uint32_t units = (uint32_t)((p->cut[2 * axis + 1] - p->cut[2 * axis]) * side);
     double low_q = envsamp__link_q(&job->tree, job->probability, cut->child[0]);
     double high_q = envsamp__link_q(&job->tree, job->probability, cut->child[1]);
 
@@ -4199,12 +4182,10 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
         low->is_merged = high->is_merged = 1;
         return 0;
     }
-    cut_at = (uint32_t)((low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5) * (double)units
-                        + 0.5);
-    if (low_q > 0.0 && cut_at < 1)
-        cut_at = 1;
-    if (high_q > 0.0 && cut_at > units - 1)
-        cut_at = units - 1;
+    double share = low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5;
+    uint32_t cut_at = (uint32_t)(share * (double)units + 0.5);
+    cut_at += low_q > 0.0 && cut_at < 1;
+    cut_at -= high_q > 0.0 && cut_at > units - 1;
     node->cut = envsamp__with_sign(p->cut[2 * axis] + (float)cut_at / side, axis);
     node->edge = envsamp__stored_edge(job->tree.map, cut->at, axis);
     envsamp__take_side(node, 0, low->cut, low->edge, 1);
@@ -4238,12 +4219,9 @@ static void envsamp__facing_block(const envsamp_kd *kd, const float cut[4], cons
 {
     static const float place[3] = { 0.112701665f, 0.5f, 0.887298335f };
     static const float weight[3] = { 0.277777778f, 0.444444444f, 0.277777778f };
-    uint32_t bits[2], at[2];
+    const uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
+    const uint32_t at[2] = { tile & ((1u << bits[0]) - 1), tile >> bits[0] };
 
-    bits[0] = kd->tile_bits_x;
-    bits[1] = kd->tile_bits_y;
-    at[0] = tile & ((1u << bits[0]) - 1);
-    at[1] = tile >> bits[0];
     ENVSAMP_MEMSET(sum, 0, sizeof *sum);
     for (int i = 0; i < 4; i++)
         sum->cut[i] = ((float)at[i / 2] + cut[i]) / (float)(1u << bits[i / 2]);
@@ -4255,9 +4233,9 @@ static void envsamp__facing_block(const envsamp_kd *kd, const float cut[4], cons
         float w = sum->area * weight[i % 3] * weight[i / 3];
 
         for (int k = 0; k < 3; k++) {
-            sum->first[k] += w * s.dir[k];
-            sum->second[k] += w * s.dir[k] * s.dir[k];
-            sum->second[3 + k] += w * s.dir[k == 2] * s.dir[k == 0 ? 1 : 2];
+            sum->moment[k] += w * s.dir[k];
+            sum->moment[3 + k] += w * s.dir[k] * s.dir[k];
+            sum->moment[6 + k] += w * s.dir[k == 2] * s.dir[k == 0 ? 1 : 2];
         }
     }
 }
@@ -4287,11 +4265,8 @@ static void envsamp__facing_cuts(const envsamp_kd_job *job)
         sum->cut[1] = high->cut[1];
         sum->cut[3] = high->cut[3];
         sum->area += high->area;
-        for (int k = 0; k < 3; k++) {
-            sum->first[k] += high->first[k];
-            sum->second[k] += high->second[k];
-            sum->second[3 + k] += high->second[3 + k];
-        }
+        for (int k = 0; k < 9; k++)
+            sum->moment[k] += high->moment[k];
     }
 }
 
@@ -4301,27 +4276,24 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
                                  uint32_t link)
 {
     const envsamp__facing_sum *sum = envsamp__facing_of(job, link);
-    const float *v = sum->first, share = ENVSAMP__FACING_VARIANCE, rest = 1.0f - share;
+    const float *v = sum->moment, share = ENVSAMP__FACING_VARIANCE, rest = 1.0f - share;
     float area = sum->area, bright = area * area;
     int side = number % 2, i = number / 2;
     uint32_t *child = &node->child[side][i];
 
     for (int k = 0; k < 3; k++) {
         node->moment[k][side][i] = v[k];
-        node->moment[3 + k][side][i] = 1.002f * (share * area * sum->second[k] + rest * v[k] * v[k])
-                           + ENVSAMP__FACING_FLOOR * bright;
-        node->moment[6 + k][side][i] = 2.004f * (share * area * sum->second[3 + k]
-                                           + rest * v[k == 2] * v[k == 0 ? 1 : 2]);
+        node->moment[3 + k][side][i] = 1.002f * (share * area * v[3 + k] + rest * v[k] * v[k])
+                                     + ENVSAMP__FACING_FLOOR * bright;
+        node->moment[6 + k][side][i] = 2.004f * (share * area * v[6 + k]
+                                                 + rest * v[k == 2] * v[k == 0 ? 1 : 2]);
     }
     float spread = bright - (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    *child = envsamp__float_bits(area > 0.0f ? 1.0f / area : 0.0f);
     if (envsamp__facing_cut(job, link) && spread > 0.0f) {
-        const envsamp_kd *kd = (const envsamp_kd *)job->base.table;
-
         *child = link;
         envsamp__heap_push(&job->tree.heap, (double)(spread / bright * ENVSAMP_SQRTF(area)),
-                           8 * kd->facing_count + (uint32_t)number, 0);
-    } else {
-        *child = envsamp__float_bits(area > 0.0f ? 1.0f / area : 0.0f);
+                           (uint32_t)(child - (uint32_t *)job->base.table), 0);
     }
 }
 
@@ -4329,33 +4301,24 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
    higher side. */
 static void envsamp__facing_fill(envsamp_kd_job *job, envsamp__facing_node *node, uint32_t link)
 {
-    uint32_t part[15];
+    uint32_t part[15] = { link };
 
-    part[0] = link;
-    for (int at = 0; at < 15; at++) {
+    for (int at = 0; at < 7; at++) {
         const envsamp__cut *cut = envsamp__facing_cut(job, part[at]);
 
-        int exists = part[at] != ENVSAMP__NO_PART;
-        if (at >= 7) {
-            if (exists)
-                envsamp__facing_part(job, node, at - 7, part[at]);
-            continue;
-        }
-        node->edge[at] = cut ? envsamp__tree_cut(job->tree.map, cut) : 0.0f;
-        node->cut[at] = exists ? envsamp__facing_of(job, part[at])->cut[0] : 0.0f;
-        if (cut)
-            node->cut[at] = envsamp__with_sign(envsamp__facing_of(job, cut->child[1])
-                                               ->cut[2 * cut->axis], cut->axis);
         part[2 * at + 1] = cut ? cut->child[0] : ENVSAMP__NO_PART;
         part[2 * at + 2] = cut ? cut->child[1] : part[at];
+        if (cut) {
+            node->edge[at] = envsamp__tree_cut(job->tree.map, cut);
+            node->cut[at] = envsamp__with_sign(envsamp__facing_of(job, cut->child[1])
+                                               ->cut[2 * cut->axis], cut->axis);
+        } else if (part[at] != ENVSAMP__NO_PART) {
+            node->cut[at] = envsamp__facing_of(job, part[at])->cut[0];
+        }
     }
-}
-
-static uint32_t *envsamp__facing_child(envsamp_kd *kd, uint32_t number)
-{
-    envsamp__facing_node *nodes = ENVSAMP__ARRAY_OUT(envsamp__facing_node, kd, facing);
-
-    return &nodes[number / 8].child[number % 2][number % 8 / 2];
+    for (int i = 0; i < 8; i++)
+        if (part[7 + i] != ENVSAMP__NO_PART)
+            envsamp__facing_part(job, node, i, part[7 + i]);
 }
 
 /* Opens the part of the largest key until there are as many nodes as memory for them. */
@@ -4363,23 +4326,22 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
 {
     envsamp__facing_node *node = ENVSAMP__ARRAY_OUT(envsamp__facing_node, kd, facing);
     envsamp__heap *heap = &job->tree.heap;
-    uint32_t limit = envsamp__facing_limit(job->tree.block_count), *child;
-    uint32_t link = envsamp__root(&job->tree), place = kd->facing_at / 4;
+    uint32_t limit = envsamp__facing_limit(job->tree.block_count), size = sizeof *node / 4;
+    uint32_t *words = (uint32_t *)job->base.table, *child, link = envsamp__root(&job->tree);
 
     envsamp__facing_cuts(job);
     for (heap->count = 0; envsamp__facing_cut(job, link); node++) {
         envsamp__facing_fill(job, node, link);
-        place += (uint32_t)sizeof *node / 4;
         if (++kd->facing_count == limit || heap->count == 0)
             break;
-        child = envsamp__facing_child(kd, heap->entries[0].item);
+        child = words + heap->entries[0].item;
         heap->entries[0] = heap->entries[--heap->count];
         envsamp__heap_settle(heap);
         link = *child;
-        *child = ENVSAMP__INNER | place;
+        *child = ENVSAMP__INNER | (kd->facing_at / 4 + size * kd->facing_count);
     }
-    for (; heap->count > 0; heap->count--) {
-        child = envsamp__facing_child(kd, heap->entries[heap->count - 1].item);
+    while (heap->count > 0) {
+        child = words + heap->entries[--heap->count].item;
         *child = envsamp__float_bits(1.0f / envsamp__facing_of(job, *child)->area);
     }
     envsamp__kd_layout(kd);
@@ -4389,10 +4351,9 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
 static envsamp__part envsamp__find_tile(const envsamp__tree *tree, const envsamp_kd *kd, uint32_t i)
 {
     envsamp__part p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 0, NULL, 0 };
-    uint32_t at[2], bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
+    uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
+    const uint32_t at[2] = { i & ((1u << bits[0]) - 1), i >> bits[0] };
 
-    at[0] = i & ((1u << kd->tile_bits_x) - 1);
-    at[1] = i >> kd->tile_bits_x;
     p.link = envsamp__root(tree);
     if (kd->mapping == ENVSAMP_LATLONG)
         p.edge[3] = -0.0f;
@@ -4454,7 +4415,7 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
     const envsamp__tree *tree = &job->tree;
     envsamp__fit fit = { map->desc.model, map->desc.objective, 0, job->target, job->weight,
                          job->lm_scratch };
-    double *key = job->probability, total = 0.0, error;
+    double *key = job->probability, total = 0.0;
 
     for (int i = 0; i < tree->block_count; i++) {
         total += key[i];
@@ -4464,9 +4425,9 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
     for (int i = 0; i < tree->block_count; i++)
         job->target[i] = key[job->order[i]] / total;
     envsamp__fit_point best = envsamp__fit_solve(&fit);
-    double gamma = fit.model == ENVSAMP_KD_LOG ? 0.0 : envsamp__model_gamma(best.param[1]);
+    double gamma = envsamp__model_gamma(best.param[1]);
     kd->alpha = envsamp__exp2(best.param[0]);
-    kd->beta = fit.model == ENVSAMP_KD_LOG ? 1.0 : best.param[1];
+    kd->beta = best.param[1];
     kd->drawn_count = (uint32_t)fit.count;
     kd->fit_total = envsamp__model_mass(gamma, (double)fit.count / kd->alpha);
     kd->l1 = 0.0;
@@ -4475,8 +4436,9 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
         double high = i < fit.count ? envsamp__model_g(gamma, (double)(i + 1) / kd->alpha) : low;
 
         key[job->order[i]] = (high - low) / kd->fit_total;
-        error = tree->blocks[job->order[i]].whole.sum / tree->map->integral - key[job->order[i]];
-        kd->l1 += error < 0.0 ? -error : error;
+        double error = tree->blocks[job->order[i]].whole.sum / tree->map->integral
+                     - key[job->order[i]];
+        kd->l1 += ENVSAMP__FABS(error);
         low = high;
     }
 }
@@ -4749,18 +4711,18 @@ ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, 
         result = ENVSAMP_ERR_PARAM;
     if (result != ENVSAMP_OK)
         return result;
-    int is_partial = !envsamp__is_surveyed(image, &filled)
-                  && (first_row > 0 || row_count < image->height);
-    if (is_partial && !envsamp__has_cells(begun, image, filled.nearest))
+    if (envsamp__is_surveyed(image, &filled)) {     /* all rows are read */
+        first_row = 0;
+        row_count = INT_MAX;
+    }
+    if ((first_row > 0 || row_count < image->height)
+        && !envsamp__has_cells(begun, image, filled.nearest))
         return ENVSAMP_ERR_FORMAT;
     envsamp__kd_carve(begun, image, &filled, &arena);
-    if (is_partial) {
-        envsamp__map *map = &begun->base.map;
-
-        map->read_from = map->cells_from = envsamp__min(first_row, image->height);
-        map->read_to = map->read_from + envsamp__min(row_count, image->height);
-        map->cells_to = map->read_to + map->bilinear;
-    }
+    envsamp__map *map = &begun->base.map;
+    map->read_from = map->cells_from = envsamp__min(first_row, image->height);
+    map->read_to = map->read_from + envsamp__min(row_count, image->height);
+    map->cells_to = map->read_to + map->bilinear;
     ENVSAMP_MEMSET(table.data, 0, sizes.table_bytes);
     envsamp__job_start(&begun->base, table.data, ENVSAMP__KD_MAGIC, envsamp__kd_work, fn, user);
     *job = begun;
@@ -4884,95 +4846,74 @@ static int envsamp__kd_fit_valid(const envsamp_kd *kd)
     return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);
 }
 
-/* A float that is finite and not negative, or a place from `low` on and before `end`, some whole
-   nodes of `size` words further. */
-static int envsamp__link_valid(uint32_t link, uint32_t low, uint32_t end, uint32_t size)
+static int envsamp__floats_valid(const float *value, int count, float least, float most)
 {
-    uint32_t at = link & ~ENVSAMP__INNER;
+    int valid = 1;
 
-    return link & ENVSAMP__INNER ? at >= low && at < end && (at - low) % size == 0
-                                 : link < 0x7f800000u;
+    for (int i = 0; i < count; i++)
+        valid &= envsamp__in_range(value[i], least, most);
+    return valid;
 }
 
-/* Records with edges that rise, and bins that name blocks. */
-static int envsamp__kd_records_valid(const envsamp_kd *kd)
+/* Each a float that is finite and not negative, or a place from `low` on and before `end`, some
+   whole nodes of `size` words further. */
+static int envsamp__links_valid(const uint32_t *link, uint32_t count, uint32_t low, uint32_t end,
+                                uint32_t size)
+{
+    int valid = 1;
+
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t at = link[i] & ~ENVSAMP__INNER;
+
+        valid &= link[i] & ENVSAMP__INNER ? at >= low && at < end && (at - low) % size == 0
+                                          : link[i] < 0x7f800000u;
+    }
+    return valid;
+}
+
+/* Children come after their parents, so every descent ends. The cuts of nodes may be anything;
+   those of samples are multiples of 2^-24 of the unit square, so that a descent ends with a cut
+   below the sample and one above it: their order does not matter. */
+static int envsamp__kd_arrays_valid(const envsamp_kd *kd)
 {
     const envsamp__record *record = ENVSAMP__RECORDS(kd);
+    const envsamp__pdf_node *node = ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes);
+    const envsamp__facing_node *top = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
     const uint32_t *bins = ENVSAMP__ARRAY(uint32_t, kd, alias);
-    uint32_t cuts = envsamp__cut_link(kd, 0) & ~ENVSAMP__INNER, room = 1u << kd->alias_shift;
-    uint32_t bits = 24 - kd->alias_shift, count = envsamp__record_count(kd);
+    uint32_t at = envsamp__cut_link(kd, 0) & ~ENVSAMP__INNER, cuts_end = kd->alias_at / 4;
+    uint32_t nodes = kd->nodes_at / 4, end = kd->grid_at / 4, bits = 24 - kd->alias_shift;
+    int valid = envsamp__links_valid(ENVSAMP__ARRAY(uint32_t, kd, grid),
+                                     1u << (kd->grid_bits_x + kd->grid_bits_y), nodes, end, 7);
 
-    for (uint32_t i = 0; i < count; i++, record++) {
-        if (!envsamp__edges_valid(kd->mapping, record->edge)
-            || !envsamp__link_valid(record->link, cuts, kd->alias_at / 4, 4))
-            return 0;
+    for (uint32_t i = 0; i < envsamp__record_count(kd); i++)
+        valid &= envsamp__edges_valid(kd->mapping, record[i].edge)
+              && envsamp__links_valid(&record[i].link, 1, at, cuts_end, 4);
+    for (; at < cuts_end; at += 4) {
+        const envsamp__sample_node *cut = ENVSAMP__LINKED(envsamp__sample_node, kd, at);
+        int axis = envsamp__sign(cut->cut);
+        float place = ENVSAMP_FABSF(cut->cut);
+        float units = place * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
+
+        valid &= envsamp__in_range(place, 0.0f, 1.0f) && (float)(int)units == units
+              && envsamp__edge_valid(kd->mapping, cut->edge, axis)
+              && envsamp__links_valid(cut->child, 2, at + 4, cuts_end, 4);
     }
     for (uint32_t i = 0; i < 1u << bits && kd->select == ENVSAMP_KD_ALIAS; i++) {
         uint32_t own = bins[i] >> bits, alias = bins[i] & ((1u << bits) - 1);
 
-        if (own > room || alias >= kd->block_count || (own > 0 && i >= kd->block_count))
-            return 0;
+        valid &= own <= 1u << kd->alias_shift && alias < kd->block_count
+              && (own == 0 || i < kd->block_count);
     }
-    return 1;
-}
-
-/* Cuts at multiples of 2^-24 of the unit square. Children come after their parents, so every
-   descent ends, and with a cut below the sample and one above it: their order does not matter. */
-static int envsamp__kd_cuts_valid(const envsamp_kd *kd)
-{
-    uint32_t at = envsamp__cut_link(kd, 0) & ~ENVSAMP__INNER, end = kd->alias_at / 4;
-
-    for (; at < end; at += 4) {
-        const envsamp__sample_node *node = ENVSAMP__LINKED(envsamp__sample_node, kd, at);
-        int axis = envsamp__sign(node->cut);
-        float cut = ENVSAMP_FABSF(node->cut);
-        float units = cut * (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
-
-        if (!envsamp__in_range(cut, 0.0f, 1.0f) || (float)(int)units != units
-            || !envsamp__edge_valid(kd->mapping, node->edge, axis)
-            || !envsamp__link_valid(node->child[0], at + 4, end, 4)
-            || !envsamp__link_valid(node->child[1], at + 4, end, 4))
-            return 0;
-    }
-    return 1;
-}
-
-static int envsamp__kd_nodes_valid(const envsamp_kd *kd)
-{
-    const envsamp__pdf_node *nodes = ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes);
-    const uint32_t *grid = ENVSAMP__ARRAY(uint32_t, kd, grid);
-    uint32_t first = kd->nodes_at / 4, end = kd->grid_at / 4;
-
     for (uint32_t i = 0; i < kd->node_count; i++)
-        for (uint32_t k = 0; k < 4; k++)
-            if (!envsamp__link_valid(nodes[i].child[k], first + 7 * (i + 1), end, 7))
-                return 0;
-    for (uint32_t i = 0; i < 1u << (kd->grid_bits_x + kd->grid_bits_y); i++)
-        if (!envsamp__link_valid(grid[i], first, end, 7))
-            return 0;
-    return 1;
-}
-
-/* Numbers in their ranges, and children after their parents. */
-static int envsamp__kd_facing_valid(const envsamp_kd *kd)
-{
-    const envsamp__facing_node *node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
-    const uint32_t size = sizeof *node / 4;
-    uint32_t at = kd->facing_at / 4, end = at + size * kd->facing_count;
-
-    for (; at < end; at += size, node++) {
-        for (uint32_t i = 0; i < 7; i++)
-            if (!envsamp__in_range(node->cut[i], -1.0f, 1.0f)
-                || !envsamp__in_range(node->edge[i], -2.0f, 4.0f))
-                return 0;
-        for (uint32_t i = 0; i < 8; i++)
-            if (!envsamp__link_valid(node->child[i / 4][i % 4], at + size, end, size))
-                return 0;
-        for (uint32_t i = 0; i < 72; i++)
-            if (!envsamp__in_range(node->moment[i / 8][i % 8 / 4][i % 4], -4.0f, 4.0f))
-                return 0;
-    }
-    return 1;
+        valid &= envsamp__links_valid(node[i].child, 4, nodes + 7 * (i + 1), end, 7);
+    at = kd->facing_at / 4;
+    end = (uint32_t)kd->bytes / 4;
+    for (uint32_t size = sizeof *top / 4; at < end; at += size, top++)
+        valid &= envsamp__floats_valid(top->cut, 7, -1.0f, 1.0f)
+              && envsamp__floats_valid(top->edge, 7, -2.0f, 4.0f)
+              && envsamp__links_valid(top->child[0], 8, at + size, end, size)
+              && envsamp__floats_valid(top->moment[0][0], 72, -4.0f, 4.0f);
+    return valid;
 }
 
 ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, const envsamp_kd **kd)
@@ -4981,18 +4922,15 @@ ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, cons
 
     if (!kd)
         return ENVSAMP_ERR_NULL;
-    *kd = NULL;
     envsamp_result result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__KD_MAGIC,
                                                  ENVSAMP__KD_VERSION);
-    if (result != ENVSAMP_OK)
-        return result;
-    if (!envsamp__kd_header_valid(header)
-        || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
-        || !envsamp__kd_records_valid(header) || !envsamp__kd_cuts_valid(header)
-        || !envsamp__kd_nodes_valid(header) || !envsamp__kd_facing_valid(header))
-        return ENVSAMP_ERR_FORMAT;
-    *kd = header;
-    return ENVSAMP_OK;
+    if (result == ENVSAMP_OK
+        && (!envsamp__kd_header_valid(header)
+            || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
+            || !envsamp__kd_arrays_valid(header)))
+        result = ENVSAMP_ERR_FORMAT;
+    *kd = result == ENVSAMP_OK ? header : NULL;
+    return result;
 }
 
 ENVSAMP_DEF size_t envsamp_kd_bytes(const envsamp_kd *kd)
@@ -5058,8 +4996,11 @@ ENVSAMP__HOT envsamp__choice envsamp__fit_choose(const envsamp_kd *kd, float u0,
 
     low -= (float)(int)low;
     double g = ((double)u0 + (double)(low / ENVSAMP__UNIT)) * kd->fit_total;
-    if (kd->model == ENVSAMP_KD_POWER)
-        g = envsamp__model_log_ratio(envsamp__model_gamma(kd->beta), g);
+    if (kd->model == ENVSAMP_KD_POWER) {
+        double gamma = envsamp__model_gamma(kd->beta);
+
+        g = gamma == 0.0 ? g : envsamp__log2(1.0 + gamma * g) / gamma;
+    }
     float x = kd->fit_alpha * envsamp__exp2m1(g);
     x = envsamp__at_most(x > 0.0f ? x : 0.0f, kd->fit_end);
     choice.block = (int)x;
@@ -5175,7 +5116,8 @@ ENVSAMP__HOT uint32_t envsamp__node_step(const envsamp_kd *kd, uint32_t link, ui
 }
 
 /* The density in a direction, and its place. */
-ENVSAMP__HOT float envsamp__density(const envsamp_kd *kd, const float dir[3], uint64_t *place)
+ENVSAMP_DEVICE static float envsamp__density(const envsamp_kd *kd, const float dir[3],
+                                             uint64_t *place)
 {
     float r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
     uint32_t link = envsamp__grid_link(kd, envsamp__dir_to_grid(kd->mapping, dir[0], dir[1],
@@ -5268,9 +5210,9 @@ ENVSAMP__HOT void envsamp__facing_weigh(const envsamp__facing_node *node, const 
 
 /* A normal, and, where many numbers share it, the weights that are known of the first nodes. */
 typedef struct envsamp__facing_cache {
+    envsamp__weights w[ENVSAMP__CACHED];
     float n[9];
     uint32_t known;
-    envsamp__weights w[ENVSAMP__CACHED];
 } envsamp__facing_cache;
 
 ENVSAMP__HOT const envsamp__weights *envsamp__facing_weights(const envsamp_kd *kd,
@@ -5420,16 +5362,29 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf_facing(const envsamp_kd *kd,
 
 /* ---- many at a time ---- */
 
-/* Points and densities of a batch: all x, all north, all south, all densities; before, of WARP, the
-   cuts that bound their blocks. */
-typedef struct envsamp__batch { float at[4 * ENVSAMP__BATCH]; } envsamp__batch;
-
-ENVSAMP__HOT void envsamp__batch_put(envsamp__batch *batch, int i, envsamp__point p, float pdf)
+/* Points and densities of a batch are all x, all north, all south, all densities; before, of WARP,
+   the cuts that bound their blocks. */
+ENVSAMP__HOT void envsamp__batch_put(float *batch, int i, envsamp__point p, float pdf)
 {
-    batch->at[i] = p.x;
-    batch->at[ENVSAMP__BATCH + i] = p.north;
-    batch->at[2 * ENVSAMP__BATCH + i] = p.south;
-    batch->at[3 * ENVSAMP__BATCH + i] = pdf;
+    batch[i] = p.x;
+    batch[ENVSAMP__BATCH + i] = p.north;
+    batch[2 * ENVSAMP__BATCH + i] = p.south;
+    batch[3 * ENVSAMP__BATCH + i] = pdf;
+}
+
+/* Directions and densities of the first `count` of a batch. Those of some multiple of 16, so that
+   compilers vectorise. */
+static void envsamp__batch_out(uint32_t mapping, int count, const float *batch, float *x, float *y,
+                               float *z, float *pdf)
+{
+    float dir[3][ENVSAMP__BATCH];
+    size_t bytes = (size_t)count * sizeof(float);
+
+    envsamp__point_dirs(mapping, (count + 15) & 0x70, batch, dir[0], dir[1], dir[2]);
+    ENVSAMP_MEMCPY(x, dir[0], bytes);
+    ENVSAMP_MEMCPY(y, dir[1], bytes);
+    ENVSAMP_MEMCPY(z, dir[2], bytes);
+    ENVSAMP_MEMCPY(pdf, batch + 3 * ENVSAMP__BATCH, bytes);
 }
 
 /* Follows the links of a batch to their densities, one step of each that is still under way at a
@@ -5454,98 +5409,84 @@ ENVSAMP__HOT void envsamp__batch_walk(const envsamp_kd *kd, uint32_t *link, cons
 }
 
 ENVSAMP__HOT void envsamp__indexed_batch(const envsamp_kd *kd, int alias, const float *u,
-                                         envsamp__batch *out)
+                                         float *batch)
 {
     for (int i = 0; i < ENVSAMP__BATCH; i++) {
         float pdf;
         envsamp__point p = envsamp__indexed_sample(kd, alias, u[i], u[ENVSAMP__BATCH + i], &pdf);
 
-        envsamp__batch_put(out, i, p, pdf);
+        envsamp__batch_put(batch, i, p, pdf);
     }
 }
 
 /* f: the numbers, which become fractions of blocks. */
-ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, envsamp__batch *out)
+ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, float *batch)
 {
-    float *cut = out->at, edge[4 * ENVSAMP__BATCH];
+    float *cut = batch, edge[4 * ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
 
     for (int i = 0; i < ENVSAMP__BATCH; i++)
         link[i] = envsamp__warp_start(kd, f + i, cut + i, edge + i, ENVSAMP__BATCH);
     envsamp__batch_walk(kd, link, NULL, f, cut, edge);
     for (int i = 0; i < ENVSAMP__BATCH; i++)
-        envsamp__batch_put(out, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
+        envsamp__batch_put(batch, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
                            envsamp__bits_float(link[i]));
 }
 
-/* Changes n numbers each, one node at a time of all that are still under way. */
-static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *facing, uint32_t n,
-                                  float *u0, float *u1, float *ratio)
+/* Changes numbers as facing_warp, one node at a time of all that are still under way. */
+static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *cache,
+                                  uint32_t count, float *f, float *ratio)
 {
     envsamp__facing_walk walk[ENVSAMP__BATCH];
     uint32_t link = ENVSAMP__INNER;
 
-    for (uint32_t i = 0; i < n; i++)
-        walk[i] = envsamp__facing_start(kd, u0[i], u1[i]);
+    for (uint32_t i = 0; i < count; i++)
+        walk[i] = envsamp__facing_start(kd, f[i], f[ENVSAMP__BATCH + i]);
     while (link & ENVSAMP__INNER)
-        for (uint32_t i = link = 0; i < n; i++)
+        for (uint32_t i = link = 0; i < count; i++)
             if (walk[i].link & ENVSAMP__INNER) {
-                envsamp__facing_step(kd, facing->n, facing, &walk[i]);
+                envsamp__facing_step(kd, cache->n, cache, &walk[i]);
                 link |= walk[i].link;
             }
-    for (uint32_t i = 0; i < n; i++)
-        ratio[i] = envsamp__facing_end(&walk[i], &u0[i], &u1[i]);
+    for (uint32_t i = 0; i < count; i++)
+        ratio[i] = envsamp__facing_end(&walk[i], &f[i], &f[ENVSAMP__BATCH + i]);
 }
 
-/* At most ENVSAMP__BATCH samples, of light alone if `facing` is NULL. Loops are over a whole
-   batch, filled up with zeros: compilers vectorise them. */
-static void envsamp__sample_batch(const envsamp_kd *kd, envsamp__facing_cache *facing, size_t n,
-                                  const float *u0, const float *u1, float *const out[4])
-{
-    float u[3 * ENVSAMP__BATCH], *y = u + ENVSAMP__BATCH, *z = y + ENVSAMP__BATCH;
-    float ratio[ENVSAMP__BATCH];
-    envsamp__batch batch;
-
-    if (n < ENVSAMP__BATCH) {
-        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
-        u0 = (const float *)ENVSAMP_MEMCPY(batch.at, u0, n * sizeof *u);
-        u1 = (const float *)ENVSAMP_MEMCPY(batch.at + ENVSAMP__BATCH, u1, n * sizeof *u);
-    }
-    for (int i = 0; i < ENVSAMP__BATCH; i++) {
-        u[i] = envsamp__clamp_unit(u0[i]);
-        y[i] = envsamp__clamp_unit(u1[i]);
-    }
-    if (facing)
-        envsamp__facing_batch(kd, facing, (uint32_t)n, u, y, ratio);
-    if (kd->select == ENVSAMP_KD_WARP)
-        envsamp__warp_batch(kd, u, &batch);
-    else if (kd->select == ENVSAMP_KD_ALIAS)
-        envsamp__indexed_batch(kd, 1, u, &batch);
-    else
-        envsamp__indexed_batch(kd, 0, u, &batch);
-    for (int i = 0; i < (int)n && facing; i++)
-        batch.at[3 * ENVSAMP__BATCH + i] = envsamp__at_most(batch.at[3 * ENVSAMP__BATCH + i]
-                                                            * ratio[i], FLT_MAX);
-    envsamp__point_dirs(kd->mapping, ENVSAMP__BATCH, batch.at, u, y, z);
-    for (int i = 0; i < 4; i++)
-        ENVSAMP_MEMCPY(out[i], i < 3 ? u + i * ENVSAMP__BATCH : batch.at + 3 * ENVSAMP__BATCH,
-                       n * sizeof *u);
-}
-
+/* Loops are over a whole batch, filled up with whatever there is: compilers vectorise them. */
 ENVSAMP_DEF void envsamp_kd_sample_facing_n(const envsamp_kd *kd, const float normal[3], size_t n,
                                             const float *u0, const float *u1, float *x, float *y,
                                             float *z, float *pdf)
 {
-    envsamp__facing_cache cache, *facing;
+    float f[2 * ENVSAMP__BATCH], ratio[ENVSAMP__BATCH], batch[4 * ENVSAMP__BATCH] = { 0.0f };
+    float *density = batch + 3 * ENVSAMP__BATCH;
+    envsamp__facing_cache cache;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
-    facing = normal && envsamp__facing_normal(kd, normal, cache.n) ? &cache : NULL;
+    int facing = normal && envsamp__facing_normal(kd, normal, cache.n);
     cache.known = 0;
-    for (size_t i = 0; i < n; i += ENVSAMP__BATCH) {
-        float *const out[4] = { x + i, y + i, z + i, pdf + i };
+    for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
+        int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
+        const float *u[2] = { u0 + start, u1 + start };
 
-        envsamp__sample_batch(kd, facing, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, u0 + i,
-                              u1 + i, out);
+        for (int k = 0; k < 2 && count < ENVSAMP__BATCH; k++)
+            u[k] = (const float *)ENVSAMP_MEMCPY(batch + k * ENVSAMP__BATCH, u[k],
+                                                 (size_t)count * sizeof **u);
+        for (int i = 0; i < ENVSAMP__BATCH; i++) {
+            f[i] = envsamp__clamp_unit(u[0][i]);
+            f[ENVSAMP__BATCH + i] = envsamp__clamp_unit(u[1][i]);
+        }
+        if (facing)
+            envsamp__facing_batch(kd, &cache, (uint32_t)count, f, ratio);
+        if (kd->select == ENVSAMP_KD_WARP)
+            envsamp__warp_batch(kd, f, batch);
+        else if (kd->select == ENVSAMP_KD_ALIAS)
+            envsamp__indexed_batch(kd, 1, f, batch);
+        else
+            envsamp__indexed_batch(kd, 0, f, batch);
+        for (int i = 0; i < count && facing; i++)
+            density[i] = envsamp__at_most(density[i] * ratio[i], FLT_MAX);
+        envsamp__batch_out(kd->mapping, count, batch, x + start, y + start, z + start,
+                           pdf + start);
     }
 }
 
@@ -5555,51 +5496,49 @@ ENVSAMP_DEF void envsamp_kd_sample_n(const envsamp_kd *kd, size_t n, const float
     envsamp_kd_sample_facing_n(kd, NULL, n, u0, u1, x, y, z, pdf);
 }
 
-static void envsamp__pdf_batch(const envsamp_kd *kd, envsamp__facing_cache *facing, size_t n,
-                               const float *x, const float *y, const float *z, float *pdf)
-{
-    float end = envsamp__polar_end(kd->mapping), r[ENVSAMP__BATCH], in[3][ENVSAMP__BATCH];
-    uint64_t place[ENVSAMP__BATCH];
-    uint32_t link[ENVSAMP__BATCH];
-
-    if (n < ENVSAMP__BATCH) {
-        ENVSAMP_MEMSET(in, 0, sizeof in);
-        x = (const float *)ENVSAMP_MEMCPY(in[0], x, n * sizeof *x);
-        y = (const float *)ENVSAMP_MEMCPY(in[1], y, n * sizeof *y);
-        z = (const float *)ENVSAMP_MEMCPY(in[2], z, n * sizeof *z);
-    }
-    for (int i = 0; i < ENVSAMP__BATCH; i++)
-        r[i] = x[i] * x[i] + y[i] * y[i];
-    envsamp__sqrt_n(r, ENVSAMP__BATCH);
-    for (int i = 0; i < ENVSAMP__BATCH && kd->mapping == ENVSAMP_OCTAHEDRAL; i++)
-        link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, x[i], y[i], z[i],
-                                                              r[i]), &place[i]);
-    for (int i = 0; i < ENVSAMP__BATCH && kd->mapping != ENVSAMP_OCTAHEDRAL; i++) {
-        envsamp__l1_coords d = envsamp__to_l1_coords(x[i], y[i], z[i], r[i]);
-
-        d.valid &= d.polar <= end;
-        link[i] = envsamp__grid_link(kd, d, &place[i]);
-    }
-    envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
-    for (int i = 0; i < (int)n && facing; i++)
-        if (link[i])
-            link[i] = envsamp__float_bits(envsamp__facing_density(
-                kd, facing->n, facing, place[i], envsamp__bits_float(link[i])));
-    ENVSAMP_MEMCPY(pdf, link, n * sizeof *pdf);
-}
-
 ENVSAMP_DEF void envsamp_kd_pdf_facing_n(const envsamp_kd *kd, const float normal[3], size_t n,
                                          const float *x, const float *y, const float *z,
                                          float *pdf)
 {
-    envsamp__facing_cache cache, *facing;
+    float copy[3][ENVSAMP__BATCH] = { { 0.0f } }, r[ENVSAMP__BATCH];
+    uint64_t place[ENVSAMP__BATCH];
+    uint32_t link[ENVSAMP__BATCH];
+    envsamp__facing_cache cache;
 
     ENVSAMP_ASSERT(kd && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
-    facing = normal && envsamp__facing_normal(kd, normal, cache.n) ? &cache : NULL;
+    float end = envsamp__polar_end(kd->mapping);
+    int octahedral = kd->mapping == ENVSAMP_OCTAHEDRAL;
+    int facing = normal && envsamp__facing_normal(kd, normal, cache.n);
     cache.known = 0;
-    for (size_t i = 0; i < n; i += ENVSAMP__BATCH)
-        envsamp__pdf_batch(kd, facing, n - i < ENVSAMP__BATCH ? n - i : ENVSAMP__BATCH, x + i,
-                           y + i, z + i, pdf + i);
+    for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
+        int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
+        size_t bytes = (size_t)count * sizeof(float);
+        const float *a = x + start, *b = y + start, *c = z + start;
+
+        if (count < ENVSAMP__BATCH) {
+            a = (const float *)ENVSAMP_MEMCPY(copy[0], a, bytes);
+            b = (const float *)ENVSAMP_MEMCPY(copy[1], b, bytes);
+            c = (const float *)ENVSAMP_MEMCPY(copy[2], c, bytes);
+        }
+        for (int i = 0; i < ENVSAMP__BATCH; i++)
+            r[i] = a[i] * a[i] + b[i] * b[i];
+        envsamp__sqrt_n(r, ENVSAMP__BATCH);
+        for (int i = 0; i < ENVSAMP__BATCH && octahedral; i++)
+            link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, a[i], b[i],
+                                                                  c[i], r[i]), &place[i]);
+        for (int i = 0; i < ENVSAMP__BATCH && !octahedral; i++) {
+            envsamp__l1_coords d = envsamp__to_l1_coords(a[i], b[i], c[i], r[i]);
+
+            d.valid &= d.polar <= end;
+            link[i] = envsamp__grid_link(kd, d, &place[i]);
+        }
+        envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
+        for (int i = 0; i < count && facing; i++)
+            if (link[i])
+                link[i] = envsamp__float_bits(envsamp__facing_density(
+                    kd, cache.n, &cache, place[i], envsamp__bits_float(link[i])));
+        ENVSAMP_MEMCPY(pdf + start, link, bytes);
+    }
 }
 
 ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x, const float *y,
@@ -5644,27 +5583,26 @@ ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, en
     return high;
 }
 
-/* Both trees of the table divide the map alike: that of densities tells the side of each cut. */
-ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
-                                                 float u[2])
+/* envsamp_kd_invert, and the place of the direction. Both trees of the table divide the map alike:
+   that of densities tells the side of each cut. */
+ENVSAMP_DEVICE static int envsamp__invert(const envsamp_kd *kd, const float dir[3], float u[2],
+                                          uint64_t *place)
 {
     uint32_t tile[2] = { 0, 0 }, link;
     envsamp__descent down;
     float cut[4], edge[4];
-    uint64_t place;
     int axis;
 
-    ENVSAMP_ASSERT(kd && dir && u);
     u[0] = u[1] = 0.0f;
     envsamp__l1_coords d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1] + 0.0f, dir[2],
                                                 ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (kd->select != ENVSAMP_KD_WARP || !d.valid)
         return 0;
-    envsamp__grid_link(kd, d, &place);
+    envsamp__grid_link(kd, d, place);
     down.link = ENVSAMP__INNER | kd->nodes_at / 4;
     down.cut = envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]) ? 0 : 2;
     for (uint32_t level = kd->tile_bits_x + kd->tile_bits_y; level > 0; level--) {
-        uint32_t high = envsamp__descend(kd, place, &down, &axis);
+        uint32_t high = envsamp__descend(kd, *place, &down, &axis);
 
         tile[axis] = 2 * tile[axis] + high;
     }
@@ -5673,7 +5611,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     link = envsamp__enter_tile(kd, (int)((tile[1] << kd->tile_bits_x) + tile[0]), cut, edge, 1);
     while (link & ENVSAMP__INNER)
         link = envsamp__take_side(ENVSAMP__LINKED(envsamp__sample_node, kd, link),
-                                  envsamp__descend(kd, place, &down, &axis), cut, edge, 1);
+                                  envsamp__descend(kd, *place, &down, &axis), cut, edge, 1);
     if (!link || !envsamp__edges_valid(kd->mapping, edge))     /* not so in a damaged table */
         return 0;
     envsamp__exact e = envsamp__dir_exact(kd->mapping, dir);
@@ -5684,12 +5622,21 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const flo
     return 1;
 }
 
+ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert(const envsamp_kd *kd, const float dir[3],
+                                                 float u[2])
+{
+    uint64_t place;
+
+    ENVSAMP_ASSERT(kd && dir && u);
+    return envsamp__invert(kd, dir, u, &place);
+}
+
 /* The numbers of which facing_warp makes those of light alone. */
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
                                                         const float normal[3],
                                                         const float dir[3], float u[2])
 {
-    float n[9], bound[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, sum[15], to[3];
+    float n[9], bound[4] = { 0.0f, 1.0f, 0.0f, 1.0f }, sum[15];
     double start[2] = { 0.0, 0.0 }, size[2] = { 1.0, 1.0 };
     envsamp__weights w;
     uint32_t link, high, at;
@@ -5697,14 +5644,10 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_kd_invert_facing(const envsamp_kd *kd,
     int axis;
 
     ENVSAMP_ASSERT(kd && normal && dir && u);
-    if (!envsamp_kd_invert(kd, dir, u))
+    if (!envsamp__invert(kd, dir, u, &place))
         return 0;
     if (!envsamp__facing_normal(kd, normal, n))
         return 1;
-    to[0] = dir[0];
-    to[1] = dir[1] + 0.0f;              /* as kd_invert: at the seam -0 is 0 */
-    to[2] = dir[2];
-    envsamp__density(kd, to, &place);
     const envsamp__facing_node *node = ENVSAMP__ARRAY(envsamp__facing_node, kd, facing);
     do {
         envsamp__facing_weigh(node, n, &w);
@@ -5803,7 +5746,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
         envsamp__warp_block(kd, (uint32_t)number, cut, edge);
     else
         pdf = envsamp__bits_float(envsamp__enter_tile(kd, number, cut, edge, 1));
-    double sr = envsamp__edges_sr(kd->mapping, edge);
+    double sr = envsamp__max(envsamp__edges_sr(kd->mapping, edge), 0.0);    /* of a damaged table */
     block->uv_min[0] = edge[0];
     block->uv_min[1] = envsamp__edge_v(kd->mapping, edge[2]);
     block->uv_max[0] = edge[1];
@@ -5812,7 +5755,6 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
         block->uv_min[1] = envsamp__clamp_unit(block->uv_min[1]);
         block->uv_max[1] = envsamp__bits_float(envsamp__float_bits(block->uv_min[1]) + 1);
     }
-    sr = envsamp__max(sr, 0.0);         /* of a damaged table, anything */
     block->solid_angle = (float)sr;
     block->probability = (float)(kd->select != ENVSAMP_KD_WARP ? (double)pdf * sr
                                  : envsamp__max(envsamp__region_area(kd, cut), 0.0));
@@ -6254,13 +6196,13 @@ static int envsamp__cdf_edges_valid(const uint32_t *edges, uint32_t count, const
 }
 
 /* Rows that follow one another, with the densities of their edges, but for the rounding of low
-   rows. */
+   rows, and edges of texels. */
 static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
 {
     const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
-    const uint32_t *edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges), *last = edge + cdf->height;
+    const uint32_t *edge = ENVSAMP__ARRAY(uint32_t, cdf, row_edges);
 
-    for (; edge < last; edge++, row++) {
+    for (uint32_t y = 0; y < cdf->height; y++, edge++, row++) {
         const float e[4] = { 0.0f, 1.0f, envsamp__cdf_row_edge(row),
                              envsamp__cdf_row_edge(row + 1) };
         const envsamp__polar_pair top = envsamp__edge_pair(e[2]), end = envsamp__edge_pair(e[3]);
@@ -6271,7 +6213,10 @@ static int envsamp__cdf_rows_valid(const envsamp_cdf *cdf)
         if (ENVSAMP_MEMCMP(&top, row, sizeof top) || ENVSAMP_MEMCMP(&end, row + 1, sizeof end)
             || !envsamp__edges_valid(cdf->mapping, e)
             || !envsamp__in_range(row->density, 0.0f, FLT_MAX / (2.0f * ENVSAMP__UNIT))
-            || !(ENVSAMP__FABS(claimed - draws) <= 0.01 * draws))
+            || !(ENVSAMP__FABS(claimed - draws) <= 0.01 * draws)
+            || !envsamp__cdf_edges_valid(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, y), cdf->width,
+                                         ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, y),
+                                         cdf->guide_bits))
             return 0;
     }
     return 1;
@@ -6301,11 +6246,6 @@ ENVSAMP_DEF envsamp_result envsamp_cdf_open(const void *table, size_t bytes,
                                      ENVSAMP__ARRAY(uint16_t, header, row_guide), header->row_bits)
         || !envsamp__cdf_rows_valid(header))
         return ENVSAMP_ERR_FORMAT;
-    for (uint32_t y = 0; y < header->height; y++)
-        if (!envsamp__cdf_edges_valid(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, header, y), header->width,
-                                      ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, header, y),
-                                      header->guide_bits))
-            return ENVSAMP_ERR_FORMAT;
     *cdf = header;
     return ENVSAMP_OK;
 }
@@ -6422,15 +6362,15 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *
 /* The texel in a direction. r is |(x, y)|. v is half a turn of the arc tangent of r / |z|, which is
    an eighth of a turn and that of t: the sum of envsamp__octant_turn, but in pairs, as it waits for
    r. */
-ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x, float y, float z,
-                                                float r)
+ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, int octahedral, float x,
+                                                float y, float z, float r)
 {
     float high = ENVSAMP_FABSF(z), sum = r + high, u, v;
     envsamp__cdf_place at;
 
     at.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum);
-    if (cdf->mapping == ENVSAMP_OCTAHEDRAL) {
-        envsamp__l1_coords d = envsamp__dir_to_grid(cdf->mapping, x, y, z, r);
+    if (octahedral) {
+        envsamp__l1_coords d = envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, x, y, z, r);
 
         u = 0.25f * d.azimuth;
         v = 0.5f * d.polar;
@@ -6453,8 +6393,9 @@ ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, float x,
 ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_cdf_pdf(const envsamp_cdf *cdf, const float dir[3])
 {
     ENVSAMP_ASSERT(cdf && dir);
-    return envsamp__cdf_density(cdf, envsamp__cdf_at(cdf, dir[0], dir[1], dir[2],
-                                    ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1])));
+    float r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
+    return envsamp__cdf_density(cdf, envsamp__cdf_at(cdf, cdf->mapping == ENVSAMP_OCTAHEDRAL,
+                                                     dir[0], dir[1], dir[2], r));
 }
 
 /* The number that draws the fraction f of the way from one edge to the next. */
@@ -6474,7 +6415,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
 
     ENVSAMP_ASSERT(cdf && dir && u);
     u[0] = u[1] = 0.0f;
-    envsamp__cdf_place at = envsamp__cdf_at(cdf, dir[0], dir[1], dir[2],
+    envsamp__cdf_place at = envsamp__cdf_at(cdf, cdf->mapping == ENVSAMP_OCTAHEDRAL, dir[0],
+                                            dir[1], dir[2],
                                             ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (!(envsamp__cdf_density(cdf, at) > 0.0f))
         return 0;
@@ -6500,15 +6442,11 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
 {
     uint32_t row[ENVSAMP__BATCH], across[ENVSAMP__BATCH], down[ENVSAMP__BATCH];
     const uint16_t *guide[ENVSAMP__BATCH];
-    float dir[3][ENVSAMP__BATCH], density;
-    envsamp__batch batch;
+    float batch[4 * ENVSAMP__BATCH] = { 0.0f }, density;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((u0 && u1 && x && y && z && pdf) || !n));
-    if (n % ENVSAMP__BATCH)
-        ENVSAMP_MEMSET(&batch, 0, sizeof batch);
     for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
         int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
-        size_t bytes = (size_t)count * sizeof(float);
 
         for (int i = 0; i < count; i++) {
             across[i] = envsamp__draw(u0[start + (size_t)i]);
@@ -6527,13 +6465,10 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
         for (int i = 0; i < count; i++) {
             envsamp__point p = envsamp__cdf_point(cdf, row[i], down[i], across[i], &density);
 
-            envsamp__batch_put(&batch, i, p, density);
+            envsamp__batch_put(batch, i, p, density);
         }
-        envsamp__point_dirs(cdf->mapping, (count + 15) & 0x70, batch.at, dir[0], dir[1], dir[2]);
-        ENVSAMP_MEMCPY(x + start, dir[0], bytes);
-        ENVSAMP_MEMCPY(y + start, dir[1], bytes);
-        ENVSAMP_MEMCPY(z + start, dir[2], bytes);
-        ENVSAMP_MEMCPY(pdf + start, batch.at + 3 * ENVSAMP__BATCH, bytes);
+        envsamp__batch_out(cdf->mapping, count, batch, x + start, y + start, z + start,
+                           pdf + start);
     }
 }
 
@@ -6542,6 +6477,7 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 {
     envsamp__cdf_place at[ENVSAMP__BATCH];
     float r[ENVSAMP__BATCH];
+    int octahedral = cdf->mapping == ENVSAMP_OCTAHEDRAL;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
     for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
@@ -6550,8 +6486,12 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
         for (size_t i = 0; i < count; i++)
             r[i] = x[start + i] * x[start + i] + y[start + i] * y[start + i];
         envsamp__sqrt_n(r, (int)count);
-        for (size_t i = 0; i < count; i++) {
-            at[i] = envsamp__cdf_at(cdf, x[start + i], y[start + i], z[start + i], r[i]);
+        for (size_t i = 0; i < count && octahedral; i++) {
+            at[i] = envsamp__cdf_at(cdf, 1, x[start + i], y[start + i], z[start + i], r[i]);
+            ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
+        }
+        for (size_t i = 0; i < count && !octahedral; i++) {
+            at[i] = envsamp__cdf_at(cdf, 0, x[start + i], y[start + i], z[start + i], r[i]);
             ENVSAMP__PREFETCH(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at[i].row) + at[i].column);
         }
         for (size_t i = 0; i < count; i++)
