@@ -1702,19 +1702,6 @@ static envsamp_result envsamp__read_row(envsamp__map *map, int y, float *luminan
     return map->desc.strict && map->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
-/* The first and last knot of the line through row y, whose texels are at line[1] and on. They lie
-   on the seam, or, on an octahedral map, between a texel and that of the mirrored row. */
-static void envsamp__end_line(const envsamp__map *map, int y, float *line)
-{
-    int width = map->image.width, mirrored = map->image.height - 1 - y;
-    int fold = map->image.mapping == ENVSAMP_OCTAHEDRAL;
-    float before = fold ? envsamp__importance(map, map->side[0][mirrored]) : line[width];
-    float after = fold ? envsamp__importance(map, map->side[1][mirrored]) : line[1];
-
-    line[0] = envsamp__half(line[1]) + envsamp__half(before);
-    line[width + 1] = envsamp__half(line[width]) + envsamp__half(after);
-}
-
 /* The line of knots at the upper or lower border, next to the line `inner` through row y. The four
    corners of an octahedral map are one point. */
 static void envsamp__border_line(const envsamp__map *map, int y, int outside,
@@ -2029,14 +2016,6 @@ ENVSAMP__HOT float envsamp__polar_v(uint32_t mapping, float north, float south)
     float v = mapping == ENVSAMP_OCTAHEDRAL ? north : envsamp__polar_fraction(north, south);
 
     return mapping != ENVSAMP_HEMISPHERE ? v : v < 0.5f ? v + v : 1.0f;
-}
-
-/* v of an edge. */
-static float envsamp__edge_v(uint32_t mapping, float edge)
-{
-    envsamp__polar_pair pair = envsamp__edge_pair(edge);
-
-    return envsamp__polar_v(mapping, pair.north, pair.south);
 }
 
 /* Fractions of the way between two edges in azimuth, and in solid angle between two rows. */
@@ -2508,8 +2487,14 @@ static envsamp_result envsamp__map_line(envsamp__map *map, int y, float *line,
     row->sum = (sum[0] + sum[1]) + (sum[2] + sum[3]);
     row->bad = map->bad_pixel_count - bad;
     envsamp__add_row(map, y, row);
-    if (map->bilinear) {
-        envsamp__end_line(map, y, line);
+    if (map->bilinear) {    /* knots on the seam, or between a texel and that of the mirrored row */
+        int width = map->image.width, mirrored = map->image.height - 1 - y;
+        int fold = map->image.mapping == ENVSAMP_OCTAHEDRAL;
+        float before = fold ? envsamp__importance(map, map->side[0][mirrored]) : line[width];
+        float after = fold ? envsamp__importance(map, map->side[1][mirrored]) : line[1];
+
+        line[0] = envsamp__half(line[1]) + envsamp__half(before);
+        line[width + 1] = envsamp__half(line[width]) + envsamp__half(after);
         if (y == 0)
             envsamp__border_line(map, y, -1, line, line - map->stride);
         if (y + 1 == map->image.height)
@@ -2708,14 +2693,9 @@ static inline double envsamp__block_sr(const envsamp__block *b)
 
 /* Root mean square of the block times its solid angle: what the best block probabilities are
    proportional to, and of which the excess variance is (sum Q)^2 / I^2 - 1. */
-static double envsamp__q(double sr, double square)
-{
-    return ENVSAMP_SQRT(sr * square);
-}
-
 static double envsamp__whole_q(const envsamp__block *b)
 {
-    return envsamp__q(envsamp__block_sr(b), b->whole.square);
+    return ENVSAMP_SQRT(envsamp__block_sr(b) * b->whole.square);
 }
 
 /* ---- sums over a rectangle ---- */
@@ -3144,7 +3124,7 @@ static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
     b->axis = (signed char)search.axis;
     if (search.axis < 0)
         return 0.0;
-    double gain = excess ? envsamp__q(sr, whole.square) - ENVSAMP_SQRT(-search.best)
+    double gain = excess ? envsamp__whole_q(b) - ENVSAMP_SQRT(-search.best)
                          : search.best - whole.sum * whole.sum / sr;
     if (gain <= ENVSAMP__FLAT * (excess ? whole.sum : search.best)) {
         gain = 0.0;
@@ -4202,11 +4182,6 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
 #define ENVSAMP__FACING_VARIANCE 0.75f  /* of the variance that counts, as of an even spread */
 #define ENVSAMP__FACING_FLOOR 4e-3f     /* least square of a weight, over that of the light */
 
-static uint32_t envsamp__facing_limit(int block_limit)
-{
-    return 1 + (uint32_t)block_limit / ENVSAMP__BLOCKS_PER_FACING;
-}
-
 static envsamp__facing_sum *envsamp__facing_of(const envsamp_kd_job *job, uint32_t link)
 {
     return &job->facing[link & ENVSAMP__LEAF ? (uint32_t)job->block_limit
@@ -4326,7 +4301,8 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
 {
     envsamp__facing_node *node = ENVSAMP__ARRAY_OUT(envsamp__facing_node, kd, facing);
     envsamp__heap *heap = &job->tree.heap;
-    uint32_t limit = envsamp__facing_limit(job->tree.block_count), size = sizeof *node / 4;
+    uint32_t limit = 1 + (uint32_t)job->tree.block_count / ENVSAMP__BLOCKS_PER_FACING;
+    uint32_t size = sizeof *node / 4;
     uint32_t *words = (uint32_t *)job->base.table, *child, link = envsamp__root(&job->tree);
 
     envsamp__facing_cuts(job);
@@ -4445,12 +4421,6 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
 
 #endif  /* ENVSAMP_NO_FIT */
 
-/* Excess variance of a second moment. */
-static double envsamp__excess(double second, double integral)
-{
-    return envsamp__max(second / integral / integral - 1.0, 0.0);
-}
-
 /* ALIAS and FIT: edges and density of block i in the order of the table. */
 static void envsamp__write_block(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
 {
@@ -4486,7 +4456,7 @@ static int envsamp__write_arrays(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i
     if (kd->select == ENVSAMP_KD_WARP)
         kd->block_count = kd->drawn_count = envsamp__tile_count(kd) + job->cut_count;
     kd->integral = map->compensation > 0.0f ? map->full_integral : map->integral;
-    kd->excess_variance = envsamp__excess(job->second, map->integral);
+    kd->excess_variance = envsamp__max(job->second / map->integral / map->integral - 1.0, 0.0);
     kd->mis_compensation = map->compensation;
     kd->bad_pixel_count = map->bad_pixel_count;
     kd->node_count = envsamp__number_nodes(job);
@@ -4600,7 +4570,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
     if (filled.select == ENVSAMP_KD_WARP)
         layout.tile_bits_x = (uint32_t)envsamp__most_tile_bits(job.block_limit);
     if (filled.facing)
-        layout.facing_count = envsamp__facing_limit(job.block_limit);
+        layout.facing_count = 1 + (uint32_t)job.block_limit / ENVSAMP__BLOCKS_PER_FACING;
     envsamp__kd_layout(&layout);
     return envsamp__set_sizes(sizes, layout.bytes, arena.used);
 }
@@ -5747,10 +5717,11 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
     else
         pdf = envsamp__bits_float(envsamp__enter_tile(kd, number, cut, edge, 1));
     double sr = envsamp__max(envsamp__edges_sr(kd->mapping, edge), 0.0);    /* of a damaged table */
+    envsamp__polar_pair top = envsamp__edge_pair(edge[2]), end = envsamp__edge_pair(edge[3]);
     block->uv_min[0] = edge[0];
-    block->uv_min[1] = envsamp__edge_v(kd->mapping, edge[2]);
+    block->uv_min[1] = envsamp__polar_v(kd->mapping, top.north, top.south);
     block->uv_max[0] = edge[1];
-    block->uv_max[1] = envsamp__edge_v(kd->mapping, edge[3]);
+    block->uv_max[1] = envsamp__polar_v(kd->mapping, end.north, end.south);
     if (block->uv_min[1] >= block->uv_max[1]) {     /* thinner than v in floats tells */
         block->uv_min[1] = envsamp__clamp_unit(block->uv_min[1]);
         block->uv_max[1] = envsamp__bits_float(envsamp__float_bits(block->uv_min[1]) + 1);
@@ -6017,7 +5988,7 @@ static void envsamp__cdf_write_rows(const envsamp_cdf_job *job, envsamp_cdf *cdf
         second += job->row_square[y] / (double)rows[y].density;
         peak = envsamp__max(peak, job->row_peak[y] / (double)rows[y].density);
     }
-    cdf->excess_variance = envsamp__excess(second, map->integral);
+    cdf->excess_variance = envsamp__max(second / map->integral / map->integral - 1.0, 0.0);
     cdf->max_ratio = peak / map->integral;
 }
 
