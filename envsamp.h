@@ -760,8 +760,8 @@ ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
 
 /* Scratch of envsamp_lights. HALFTONE and RANDOM: 8 bytes a row, 12 a column, 12 a light.
    Cuts: up to 4 MB, 2 for a map twice as wide as high, and 104 bytes a light. RELAXED: up to 1 MB,
-   8 KB a light, no more than 4 MB of these, 200 bytes a light, and as HALFTONE. Both 16 bytes a
-   column and 24 a row. DECOMPOSED: as cuts and RELAXED, 2 MB and 5 bytes a texel. table_bytes is 0.
+   8 KB a light, no more than 4 MB of these, 200 bytes a light, and as HALFTONE. Both 32 bytes a
+   column and 40 a row. DECOMPOSED: as cuts and RELAXED, 2 MB and 5 bytes a texel. table_bytes is 0.
    `desc` NULL: the defaults. Needs the image's sizes, not its pixels.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
