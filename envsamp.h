@@ -1613,11 +1613,11 @@ static size_t envsamp__read_luminance(const float *from, int channels, int count
 /* Part of the map, in cells. */
 typedef struct envsamp__rect { double x0, y0, x1, y1; } envsamp__rect;
 
-/* A row of cells, or its part from `top` to `end`, which are 0 and 1 for the whole row. sr: solid
+/* A row of cells, or its slice from `top` to `end`, which are 0 and 1 for the whole row. sr: solid
    angle of a column of it one cell wide. Between values a and c above and below the row, the mean
-   over its part is a + at (c - a) and the variance spread (c - a)^2: radiance is linear in theta,
+   over the slice is a + at (c - a) and the variance spread (c - a)^2: radiance is linear in theta,
    solid angle is not. */
-typedef struct envsamp__row_part { double sr, at, spread, top, end; } envsamp__row_part;
+typedef struct envsamp__row_slice { double sr, at, spread, top, end; } envsamp__row_slice;
 
 typedef struct envsamp__level {
     float *mean, *deviation;    /* of each cell: of level 0 neither these nor */
@@ -1650,7 +1650,7 @@ typedef struct envsamp__map {
     float *knots;               /* bilinear: width + 1 by height + 1; else the cells' luminance */
     float *highest;             /* maxima of cells of level 1 */
     size_t stride, knot_count;
-    envsamp__row_part *rows;    /* height */
+    envsamp__row_slice *rows;   /* height */
     envsamp__level levels[ENVSAMP__LEVELS];
     int level_count;
     double integral;            /* of what was read, */
@@ -1858,26 +1858,26 @@ static double envsamp__rows_sr(const envsamp__map *map, double y0, double y1)
          * envsamp__cap_between(a.cap, a.south, b.cap, b.south);
 }
 
-/* The part of row y between y0 and y1. About the middle of the part, at distances of up to h in
+/* The slice of row y between y0 and y1. About the middle of the slice, at distances of up to h in
    theta, solid angle goes with the sine: with t = 1 - h cot h the mean distance is t cot theta and
    the mean of its square h^2 - 2 t. `rough`: away from the poles as if solid angle were even within
    the row. */
-static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, double y0, double y1,
-                                              int rough)
+static envsamp__row_slice envsamp__slice_of_row(const envsamp__map *map, int y, double y0,
+                                                double y1, int rough)
 {
     double edge = envsamp__cell_edge(map, y, 1), high = envsamp__cell_edge(map, y + 1, 1) - edge;
     double half = 0.5 * (y1 - y0) / high, shift = 0.0, second = 1.0 / 3.0;
-    envsamp__row_part part;
+    envsamp__row_slice slice;
 
-    part.top = (y0 - edge) / high;
-    part.end = (y1 - edge) / high;
+    slice.top = (y0 - edge) / high;
+    slice.end = (y1 - edge) / high;
     if (rough && map->rows[y].at >= 0.49 && map->rows[y].at <= 0.51) {
-        part.sr = map->rows[y].sr * (part.end - part.top);
-        part.at = 0.5 * (part.top + part.end);
-        part.spread = (part.end - part.top) * (part.end - part.top) / 12.0;
-        return part;
+        slice.sr = map->rows[y].sr * (slice.end - slice.top);
+        slice.at = 0.5 * (slice.top + slice.end);
+        slice.spread = (slice.end - slice.top) * (slice.end - slice.top) / 12.0;
+        return slice;
     }
-    part.sr = envsamp__rows_sr(map, y0, y1);
+    slice.sr = envsamp__rows_sr(map, y0, y1);
     if (map->image.mapping != ENVSAMP_OCTAHEDRAL) {
         double turn = (map->image.mapping == ENVSAMP_LATLONG ? 1.0 : 0.5)
                     / (double)map->image.height;
@@ -1893,16 +1893,16 @@ static envsamp__row_part envsamp__part_of_row(const envsamp__map *map, int y, do
         shift = sine > 0.0 ? fraction * h * cosine / sine : 0.0;
         second = 1.0 - 2.0 * fraction;
     }
-    part.at = 0.5 * (part.top + part.end) + shift * half;
-    part.spread = (second - shift * shift) * half * half;
-    return part;
+    slice.at = 0.5 * (slice.top + slice.end) + shift * half;
+    slice.spread = (second - shift * shift) * half * half;
+    return slice;
 }
 
 /* Solid angle by which a texel of row y counts in the integral. Where the map is bilinear: that of
    its knot, and of its part in knots of the border. */
 static double envsamp__texel_sr(const envsamp__map *map, int y)
 {
-    const envsamp__row_part *above = &map->rows[y], *below = above + 1;
+    const envsamp__row_slice *above = &map->rows[y], *below = above + 1;
 
     if (!map->bilinear)
         return above->sr;
@@ -2233,7 +2233,7 @@ static void envsamp__map_begin(envsamp__map *map, envsamp_row_fn fn, void *user)
     map->user = user;
     ENVSAMP_MEMSET(map->knots + map->knot_count, 0, ENVSAMP__BEYOND * sizeof(float));
     for (int y = 0; y < map->height; y++)
-        map->rows[y] = envsamp__part_of_row(map, y, envsamp__cell_edge(map, y, 1),
+        map->rows[y] = envsamp__slice_of_row(map, y, envsamp__cell_edge(map, y, 1),
                                             envsamp__cell_edge(map, y + 1, 1), 0);
     for (int k = 1; k < map->level_count; k++) {
         envsamp__level *level = &map->levels[k];
@@ -2326,7 +2326,7 @@ typedef struct envsamp__moments { double sum, square; } envsamp__moments;
 /* Sums along one axis of a block, in bins. */
 typedef struct envsamp__profile {
     double sum[ENVSAMP__SPLIT_CELLS + 4], square[ENVSAMP__SPLIT_CELLS + 4];
-    double weight[ENVSAMP__SPLIT_CELLS + 4];    /* width of a column; solid angle of a row's part
+    double weight[ENVSAMP__SPLIT_CELLS + 4];    /* width of a column; solid angle of a row's slice
                                                    one cell of level 0 wide */
 } envsamp__profile;
 
@@ -2370,9 +2370,9 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
             sum[x] = square[x] = peak[x] = 0.0f;
         peak[count] = 0.0f;
         for (int y = y0; y < y0 + rows; y++) {
-            const envsamp__row_part *part = &map->rows[y];
-            float weight = (float)(part->sr / level->row_sr[cell_y]);
-            float down = (float)part->at, tall = (float)part->spread;
+            const envsamp__row_slice *slice = &map->rows[y];
+            float weight = (float)(slice->sr / level->row_sr[cell_y]);
+            float down = (float)slice->at, tall = (float)slice->spread;
             const float *a = envsamp__line(map, y) + x0, *c = envsamp__line(map, y + b) + x0;
 
             for (int x = 0; x < count; x += 16) {
@@ -2567,7 +2567,7 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image,
     map->integral = 0.0;
     map->read_from = map->cells_from = 0;
     map->read_to = map->cells_to = map->height;
-    map->rows = ENVSAMP__TAKE(envsamp__row_part, arena, map->height);
+    map->rows = ENVSAMP__TAKE(envsamp__row_slice, arena, map->height);
     map->texel_rows = ENVSAMP__TAKE(envsamp__texel_row, arena, lines ? 0 : map->image.height);
     for (map->level_count = 0; !lines; k++) {
         envsamp__level *level = &map->levels[k];
@@ -2737,21 +2737,21 @@ static int envsamp__is_cut(const envsamp__map *map, int k, const envsamp__rect *
     return ENVSAMP_MEMCMP(&inner, &w, sizeof w) != 0;
 }
 
-/* The part of row y of level k that lies in a rectangle; above level 0 only its solid angle. */
-static envsamp__row_part envsamp__level_row(const envsamp__map *map, int k, int y,
-                                            const envsamp__rect *rect)
+/* The slice of row y of level k that lies in a rectangle; above level 0 only its solid angle. */
+static envsamp__row_slice envsamp__level_row(const envsamp__map *map, int k, int y,
+                                             const envsamp__rect *rect)
 {
     double size = envsamp__cell_size(map, k);
     double top = envsamp__max((double)y * size, rect->y0);
     double end = envsamp__min_double((double)(y + 1) * size, rect->y1);
-    envsamp__row_part part = { 0.0, 0.0, 0.0, 0.0, 1.0 };
+    envsamp__row_slice slice = { 0.0, 0.0, 0.0, 0.0, 1.0 };
 
     if (k == 0 && top <= envsamp__cell_edge(map, y, 1) && end >= envsamp__cell_edge(map, y + 1, 1))
         return map->rows[y];
     if (k <= 0)
-        return envsamp__part_of_row(map, y >> -k, top, end, k < 0);
-    part.sr = end - top < size ? envsamp__rows_sr(map, top, end) : map->levels[k].row_sr[y];
-    return part;
+        return envsamp__slice_of_row(map, y >> -k, top, end, k < 0);
+    slice.sr = end - top < size ? envsamp__rows_sr(map, top, end) : map->levels[k].row_sr[y];
+    return slice;
 }
 
 /* What sums are added to. Either profile may be NULL; they begin at column x0 and row y0. */
@@ -2825,14 +2825,14 @@ static inline void envsamp__strip_cells(const envsamp__map *map, const envsamp__
     }
 }
 
-/* The moments of what of row y of a strip lies in `part`, which are also added at bin `bin` and on
+/* The moments of what of row y of a strip lies in `slice`, which are also added at bin `bin` and on
    of the columns, if they count. */
 static envsamp__moments envsamp__strip_row(const envsamp__map *map, const envsamp__strip *strip,
-                                           int y, const envsamp__row_part *part,
+                                           int y, const envsamp__row_slice *slice,
                                            envsamp__profile *columns, int bin)
 {
-    double scaled = part->sr * map->unit, unit = map->unit, sum[4] = { 0.0 }, square[4] = { 0.0 };
-    float down = (float)part->at, tall = (float)part->spread;
+    double scaled = slice->sr * map->unit, unit = map->unit, sum[4] = { 0.0 }, square[4] = { 0.0 };
+    float down = (float)slice->at, tall = (float)slice->spread;
     envsamp__moments row;
 
     for (int i = 0; i < strip->count; i += 4) {
@@ -2875,9 +2875,9 @@ static void envsamp__add_cells(const envsamp__map *map, int k, const envsamp__wi
             ENVSAMP_MEMCPY(sums->columns->weight + (x - sums->x0), strip.width,
                            (size_t)strip.count * sizeof *strip.width);
         for (int y = w->y0; y < w->y1; y++) {
-            envsamp__row_part part = k == 0 && y > w->y0 && y + 1 < w->y1
-                                   ? map->rows[y] : envsamp__level_row(map, k, y, rect);
-            envsamp__moments row = envsamp__strip_row(map, &strip, y, &part, sums->columns,
+            envsamp__row_slice slice = k == 0 && y > w->y0 && y + 1 < w->y1
+                                     ? map->rows[y] : envsamp__level_row(map, k, y, rect);
+            envsamp__moments row = envsamp__strip_row(map, &strip, y, &slice, sums->columns,
                                                       x - sums->x0);
 
             sums->total.sum += row.sum;
@@ -2885,7 +2885,7 @@ static void envsamp__add_cells(const envsamp__map *map, int k, const envsamp__wi
             if (sums->rows) {
                 sums->rows->sum[y - sums->y0] += row.sum;
                 sums->rows->square[y - sums->y0] += row.square;
-                sums->rows->weight[y - sums->y0] = part.sr;
+                sums->rows->weight[y - sums->y0] = slice.sr;
             }
         }
     }
@@ -3919,14 +3919,14 @@ static envsamp_result envsamp__job_step(envsamp__job *job, int count, int *done)
     return job->result;
 }
 
-/* A part of a tile that is to be written: its link in the tree, its edges x0, x1, y0, y1 in the
+/* A subtree of a tile that is to be written: its link in the tree, its edges x0, x1, y0, y1 in the
    tile's own unit square and in the map, and where its link in the table goes. A merged one is part
    of a block that the unit square had no room to cut, and has the edges of this block. */
-typedef struct envsamp__part {
+typedef struct envsamp__subtree {
     float cut[4], edge[4];
     uint32_t link, *child;
     int is_merged;
-} envsamp__part;
+} envsamp__subtree;
 
 /* What a part of the tree is to `facing`: its edges x0, x1, y0, y1 in the unit square, its area
    there, and sums over what it draws of directions and of products xx, yy, zz, xy, xz, yz of their
@@ -3945,7 +3945,7 @@ struct envsamp_kd_job {
     uint32_t *draws, *stack;        /* ALIAS */
     envsamp_buffer lm_scratch;
     double second;                  /* moment of L / pdf of what is written */
-    envsamp__part *parts;           /* WARP: a stack of ENVSAMP__WARP_DEPTH + 2 */
+    envsamp__subtree *subtrees;     /* WARP: a stack of ENVSAMP__WARP_DEPTH + 2 */
     uint32_t cut_count;             /* WARP: written */
     envsamp__facing_sum *facing;    /* of each cut, then of each block; or NULL */
 };
@@ -3971,7 +3971,7 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     tree->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, count);
     tree->columns = ENVSAMP__TAKE(envsamp__profile, arena, 1);
     tree->rows = ENVSAMP__TAKE(envsamp__profile, arena, 1);
-    job->parts = ENVSAMP__TAKE(envsamp__part, arena, ENVSAMP__WARP_DEPTH + 2);
+    job->subtrees = ENVSAMP__TAKE(envsamp__subtree, arena, ENVSAMP__WARP_DEPTH + 2);
     job->probability = ENVSAMP__TAKE(double, arena, count);
     job->order = ENVSAMP__TAKE(uint32_t, arena, count);
     job->density = ENVSAMP__TAKE(float, arena, count);
@@ -4141,12 +4141,12 @@ static void envsamp__add_cost(envsamp_kd_job *job, const envsamp__block *b, doub
     }
 }
 
-/* Writes the cut of a part and sets its two sides. It divides the part's units of 2^-24 in
+/* Writes the cut of a subtree and sets its two sides. It divides the units of 2^-24 in
    proportion to Q but for rounding: a lit side gets one at least, a black one none. Where there are
-   too few, the part becomes one block: returns 0, and both sides are the part itself. */
+   too few, it becomes one block: returns 0, and both sides are the subtree itself. */
 static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
-                              const envsamp__part *p, envsamp__sample_node *node,
-                              envsamp__part *low, envsamp__part *high)
+                              const envsamp__subtree *p, envsamp__sample_node *node,
+                              envsamp__subtree *low, envsamp__subtree *high)
 {
     const envsamp__cut *cut = &job->tree.cuts[p->link];
     int axis = cut->axis;
@@ -4188,7 +4188,7 @@ static envsamp__facing_sum *envsamp__facing_of(const envsamp_kd_job *job, uint32
                                                + (link & ~ENVSAMP__LEAF) : link];
 }
 
-/* Sums of a block of a tile: by three points each way, Gauss's. cut, edge: as a part's. */
+/* Sums of a block of a tile: by three points each way, Gauss's. cut, edge: as a subtree's. */
 static void envsamp__facing_block(const envsamp_kd *kd, const float cut[4], const float edge[4],
                                   uint32_t tile, envsamp__facing_sum *sum)
 {
@@ -4323,10 +4323,11 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
     envsamp__kd_layout(kd);
 }
 
-/* A tile as a part, but for where its link goes: the way down the crown. */
-static envsamp__part envsamp__find_tile(const envsamp__tree *tree, const envsamp_kd *kd, uint32_t i)
+/* A tile as a subtree, but for where its link goes: the way down the crown. */
+static envsamp__subtree envsamp__find_tile(const envsamp__tree *tree, const envsamp_kd *kd,
+                                           uint32_t i)
 {
-    envsamp__part p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 0, NULL, 0 };
+    envsamp__subtree p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 0, NULL, 0 };
     uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
     const uint32_t at[2] = { i & ((1u << bits[0]) - 1), i >> bits[0] };
 
@@ -4348,32 +4349,33 @@ static envsamp__part envsamp__find_tile(const envsamp__tree *tree, const envsamp
 static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
 {
     envsamp__record *tile = ENVSAMP__RECORDS_OUT(kd) + i;
-    envsamp__part *stack = job->parts;
+    envsamp__subtree *stack = job->subtrees;
     int top = 1;
 
     stack[0] = envsamp__find_tile(&job->tree, kd, i);
     stack[0].child = &tile->link;
     ENVSAMP_MEMCPY(tile->edge, stack[0].edge, sizeof tile->edge);
     while (top > 0) {
-        envsamp__part part = stack[--top];
-        uint32_t next = envsamp__cut_link(kd, job->cut_count), block = part.link & ~ENVSAMP__LEAF;
+        envsamp__subtree subtree = stack[--top];
+        uint32_t next = envsamp__cut_link(kd, job->cut_count);
+        uint32_t block = subtree.link & ~ENVSAMP__LEAF;
 
-        if (part.link & ENVSAMP__LEAF) {
-            double sr = envsamp__edges_sr(kd->mapping, part.edge);
-            float pdf = (float)envsamp__max(envsamp__region_area(kd, part.cut) / sr, 0.0);
+        if (subtree.link & ENVSAMP__LEAF) {
+            double sr = envsamp__edges_sr(kd->mapping, subtree.edge);
+            float pdf = (float)envsamp__max(envsamp__region_area(kd, subtree.cut) / sr, 0.0);
 
-            *part.child = envsamp__float_bits(pdf);
+            *subtree.child = envsamp__float_bits(pdf);
             job->density[block] = pdf;
             if (job->facing)
-                envsamp__facing_block(kd, part.cut, part.edge, i,
-                                      envsamp__facing_of(job, part.link));
+                envsamp__facing_block(kd, subtree.cut, subtree.edge, i,
+                                      envsamp__facing_of(job, subtree.link));
             envsamp__add_cost(job, &job->tree.blocks[block], (double)pdf);
             continue;
         }
-        if (envsamp__write_cut(job, kd, &part, (envsamp__sample_node *)(void *)
+        if (envsamp__write_cut(job, kd, &subtree, (envsamp__sample_node *)(void *)
                                ((char *)kd + 4 * (size_t)(next & ~ENVSAMP__INNER)),
                                &stack[top + 1], &stack[top])) {
-            *part.child = next;
+            *subtree.child = next;
             job->cut_count++;
         }
         top += 2;
@@ -6279,10 +6281,10 @@ ENVSAMP__HOT uint32_t envsamp__draw(float u)
 }
 
 /* A texel; `valid` is 0 for some texel in place of none. */
-typedef struct envsamp__cdf_place { uint32_t column, row; int valid; } envsamp__cdf_place;
+typedef struct envsamp__cdf_texel { uint32_t column, row; int valid; } envsamp__cdf_texel;
 
 /* Those at the sides of a bilinear map are half as wide. */
-ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_place at)
+ENVSAMP__HOT float envsamp__cdf_density(const envsamp_cdf *cdf, envsamp__cdf_texel at)
 {
     const uint32_t *edge = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column;
     uint32_t half = cdf->bilinear & (uint32_t)((at.column == 0) | (at.column + 1 == cdf->width));
@@ -6301,7 +6303,7 @@ ENVSAMP__HOT envsamp__point envsamp__cdf_point(const envsamp_cdf *cdf, uint32_t 
     const uint32_t *edges = ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, y);
     uint32_t x = envsamp__cdf_find(edges, ENVSAMP__CDF_GUIDE(ENVSAMP__ARRAY, cdf, y),
                                    cdf->guide_bits, across);
-    const envsamp__cdf_place at = { x, y, 1 };
+    const envsamp__cdf_texel at = { x, y, 1 };
     float fx = ((float)(int)(across - edges[x]) + 0.5f) / (float)(int)(edges[x + 1] - edges[x]);
     float fy = ((float)(int)(down - row_edge[0]) + 0.5f) / (float)(int)(row_edge[1] - row_edge[0]);
     float x0 = (float)(int)x - cdf->offset, x1 = x0 + 1.0f, end = (float)(int)cdf->image_width;
@@ -6333,11 +6335,11 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *
 /* The texel in a direction. r is |(x, y)|. v is half a turn of the arc tangent of r / |z|, which is
    an eighth of a turn and that of t: the sum of envsamp__octant_turn, but in pairs, as it waits for
    r. */
-ENVSAMP__HOT envsamp__cdf_place envsamp__cdf_at(const envsamp_cdf *cdf, int octahedral, float x,
+ENVSAMP__HOT envsamp__cdf_texel envsamp__cdf_at(const envsamp_cdf *cdf, int octahedral, float x,
                                                 float y, float z, float r)
 {
     float high = ENVSAMP_FABSF(z), sum = r + high, u, v;
-    envsamp__cdf_place at;
+    envsamp__cdf_texel at;
 
     at.valid = envsamp__is_direction(ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum);
     if (octahedral) {
@@ -6386,7 +6388,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
 
     ENVSAMP_ASSERT(cdf && dir && u);
     u[0] = u[1] = 0.0f;
-    envsamp__cdf_place at = envsamp__cdf_at(cdf, cdf->mapping == ENVSAMP_OCTAHEDRAL, dir[0],
+    envsamp__cdf_texel at = envsamp__cdf_at(cdf, cdf->mapping == ENVSAMP_OCTAHEDRAL, dir[0],
                                             dir[1], dir[2],
                                             ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]));
     if (!(envsamp__cdf_density(cdf, at) > 0.0f))
@@ -6446,7 +6448,7 @@ ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const fl
 ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float *x,
                                    const float *y, const float *z, float *pdf)
 {
-    envsamp__cdf_place at[ENVSAMP__BATCH];
+    envsamp__cdf_texel at[ENVSAMP__BATCH];
     float r[ENVSAMP__BATCH];
     int octahedral = cdf->mapping == ENVSAMP_OCTAHEDRAL;
 
@@ -6635,10 +6637,10 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
     }
 }
 
-/* Where part `part` of `count` begins, which share `length` texels out. */
-static int envsamp__part_edge(int part, int count, int length)
+/* Where share `share` of `count` begins, into which `length` texels are divided. */
+static int envsamp__share_edge(int share, int count, int length)
 {
-    return (int)((int64_t)part * length / count);
+    return (int)((int64_t)share * length / count);
 }
 
 /* The shares of [13]: his table gives them for some levels of 0..255, between which they change
@@ -6700,16 +6702,16 @@ static void envsamp__walk_strip(envsamp__halftone *h)
 {
     const envsamp_image *image = h->image;
 
-    h->y0 = envsamp__part_edge(h->strip, h->down, image->height);
-    h->y1 = envsamp__part_edge(h->strip + 1, h->down, image->height);
+    h->y0 = envsamp__share_edge(h->strip, h->down, image->height);
+    h->y1 = envsamp__share_edge(h->strip + 1, h->down, image->height);
     int height = h->y1 - h->y0;
     envsamp__sum_columns(h, h->y0, h->y1);
     for (int i = 0; i < h->across; i++) {
         int bands = 1;
 
         h->cell = h->step > 0 ? i : h->across - 1 - i;
-        h->x0 = envsamp__part_edge(h->cell, h->across, image->width);
-        h->x1 = envsamp__part_edge(h->cell + 1, h->across, image->width);
+        h->x0 = envsamp__share_edge(h->cell, h->across, image->width);
+        h->x1 = envsamp__share_edge(h->cell + 1, h->across, image->width);
         h->mass = 0.0;
         for (int x = h->x0; x < h->x1; x++)
             h->mass += h->sum[x];
@@ -6722,8 +6724,8 @@ static void envsamp__walk_strip(envsamp__halftone *h)
             h->error += envsamp__waiting(h, 0)[h->cell];
         for (int band = 0; band < bands; band++)
             envsamp__walk_band(h, band & 1 ? -h->step : h->step,
-                               h->y0 + envsamp__part_edge(band, bands, height),
-                               h->y0 + envsamp__part_edge(band + 1, bands, height));
+                               h->y0 + envsamp__share_edge(band, bands, height),
+                               h->y0 + envsamp__share_edge(band + 1, bands, height));
         if (h->rows)
             envsamp__diffuse(h);
     }

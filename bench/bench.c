@@ -454,7 +454,7 @@ static envsamp_sample searched_draw(const envsamp_cdf *cdf, float u0, float u1)
     const uint32_t *rows = ENVSAMP__ARRAY(uint32_t, cdf, row_edges), *edges;
     const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows);
     float fx, fy, x0, x1;
-    envsamp__cdf_place at;
+    envsamp__cdf_texel at;
     envsamp__point p;
     envsamp_sample s;
 

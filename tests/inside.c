@@ -290,7 +290,7 @@ inside_texel inside_draw(const envsamp_cdf *cdf, float u0, float u1)
 inside_texel inside_find(const envsamp_cdf *cdf, const float dir[3])
 {
     const float r = ENVSAMP_SQRTF(dir[0] * dir[0] + dir[1] * dir[1]);
-    const envsamp__cdf_place at = envsamp__cdf_at(cdf, cdf->mapping == ENVSAMP_OCTAHEDRAL, dir[0],
+    const envsamp__cdf_texel at = envsamp__cdf_at(cdf, cdf->mapping == ENVSAMP_OCTAHEDRAL, dir[0],
                                                   dir[1], dir[2], r);
     const inside_texel texel = { at.column, at.row };
 
@@ -299,7 +299,7 @@ inside_texel inside_find(const envsamp_cdf *cdf, const float dir[3])
 
 float inside_texel_pdf(const envsamp_cdf *cdf, uint32_t column, uint32_t row)
 {
-    const envsamp__cdf_place at = { column, row, 1 };
+    const envsamp__cdf_texel at = { column, row, 1 };
 
     return envsamp__cdf_density(cdf, at);
 }
