@@ -2681,6 +2681,7 @@ typedef struct envsamp__tree {
     envsamp__profile *columns, *rows;
     int block_count;
     double q, q_wanted;                 /* sum of Q of all blocks; splitting stops below */
+    uint32_t root;                      /* as a child of a cut */
     int tile_bits;                      /* the first 2^tile_bits blocks were the tiles */
     int crown_at;                       /* the block of the crown to be halved next; -1 none */
     int alternate;                      /* nonzero: half of its cuts are at columns */
@@ -3166,8 +3167,8 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
     cut->at = b->at;
     cut->child[0] = ENVSAMP__LEAF | top->item;
     cut->child[1] = ENVSAMP__LEAF | number;
-    if (b->slot != ENVSAMP__LEAF)
-        tree->cuts[b->slot >> 1].child[b->slot & 1] = number - 1;
+    *(b->slot == ENVSAMP__LEAF ? &tree->root : &tree->cuts[b->slot >> 1].child[b->slot & 1])
+        = number - 1;
     b->slot = (number - 1) * 2;
     b->depth++;
     tree->q -= envsamp__whole_q(b);
@@ -3305,6 +3306,7 @@ static void envsamp__crown_end(envsamp__tree *tree)
         blocks[i].depth = 0;
         blocks[i].slot = bits ? (uint32_t)(i + (1 << bits) - 2) : ENVSAMP__LEAF;
     }
+    tree->root = bits ? 0 : ENVSAMP__LEAF;
     tree->block_count = 1 << bits;
     tree->q = 0.0;
     tree->heap.count = 0;
@@ -3996,11 +3998,6 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
 
 /* ---- writing the density ---- */
 
-static uint32_t envsamp__root(const envsamp__tree *tree)
-{
-    return tree->block_count > 1 ? 0 : ENVSAMP__LEAF;
-}
-
 /* Numbers nodes from 1 in order[cut], by the cuts at even depths that they begin with. Where these
    are more than half, by those at odd depths, and the root is below a node that has no other cut.
    Returns how many. */
@@ -4040,7 +4037,7 @@ static void envsamp__write_pdf_nodes(const envsamp_kd_job *job, envsamp_kd *kd)
         if (c >= 0)
             node->cut[0] = envsamp__tree_cut(tree->map, &tree->cuts[c]);
         for (int i = 0; i < 4; i++) {
-            uint32_t link = c >= 0 ? tree->cuts[c].child[i >> 1] : envsamp__root(tree);
+            uint32_t link = c >= 0 ? tree->cuts[c].child[i >> 1] : tree->root;
 
             if (!(link & ENVSAMP__LEAF) && !number[link]) {
                 if (!(i & 1))
@@ -4303,7 +4300,7 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
     envsamp__heap *heap = &job->tree.heap;
     uint32_t limit = 1 + (uint32_t)job->tree.block_count / ENVSAMP__BLOCKS_PER_FACING;
     uint32_t size = sizeof *node / 4;
-    uint32_t *words = (uint32_t *)job->base.table, *child, link = envsamp__root(&job->tree);
+    uint32_t *words = (uint32_t *)job->base.table, *child, link = job->tree.root;
 
     envsamp__facing_cuts(job);
     for (heap->count = 0; envsamp__facing_cut(job, link); node++) {
@@ -4331,7 +4328,7 @@ static envsamp__subtree envsamp__find_tile(const envsamp__tree *tree, const envs
     uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
     const uint32_t at[2] = { i & ((1u << bits[0]) - 1), i >> bits[0] };
 
-    p.link = envsamp__root(tree);
+    p.link = tree->root;
     if (kd->mapping == ENVSAMP_LATLONG)
         p.edge[3] = -0.0f;
     for (int level = 0; level < tree->tile_bits; level++) {
