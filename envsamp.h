@@ -1291,13 +1291,11 @@ static inline double envsamp__dot(const double *a, const double *b, int count)
 
 ENVSAMP__HOT void envsamp__sqrt_n(float *x, int n)
 {
-    int i = 0;
-
 #ifdef ENVSAMP__SSE
-    for (; i + 4 <= n; i += 4)
-        _mm_storeu_ps(x + i, _mm_sqrt_ps(_mm_loadu_ps(x + i)));
+    for (; n >= 4; n -= 4, x += 4)
+        _mm_storeu_ps(x, _mm_sqrt_ps(_mm_loadu_ps(x)));
 #endif
-    for (; i < n; i++)
+    for (int i = 0; i < n; i++)
         x[i] = ENVSAMP_SQRTF(x[i]);
 }
 
@@ -5397,9 +5395,11 @@ ENVSAMP__HOT void envsamp__warp_batch(const envsamp_kd *kd, float *f, float *bat
     for (int i = 0; i < ENVSAMP__BATCH; i++)
         link[i] = envsamp__warp_start(kd, f + i, cut + i, edge + i, ENVSAMP__BATCH);
     envsamp__batch_walk(kd, link, NULL, f, cut, edge);
-    for (int i = 0; i < ENVSAMP__BATCH; i++)
-        envsamp__batch_put(batch, i, envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH),
-                           envsamp__bits_float(link[i]));
+    for (int i = 0; i < ENVSAMP__BATCH; i++) {
+        envsamp__point p = envsamp__warp_point(f + i, cut + i, edge + i, ENVSAMP__BATCH);
+
+        envsamp__batch_put(batch, i, p, envsamp__bits_float(link[i]));
+    }
 }
 
 /* Changes numbers as facing_warp, one node at a time of all that are still under way. */
