@@ -162,8 +162,8 @@
  *   ENVSAMP_SQRTF(x)         default sqrt and sqrtf from math.h, or an instruction that is the same
  *   ENVSAMP_FABSF(x)         default fabsf and copysignf from math.h, which every compiler makes
  *   ENVSAMP_COPYSIGNF(x, y)  an instruction or two
- *   ENVSAMP_MEMCPY, _MEMSET  default memcpy, memset and memcmp from string.h. Compilers may call
- *   and _MEMCMP              those of their own accord too, to copy or clear a structure
+ *   ENVSAMP_MEMCPY, _MEMSET  default memcpy, memset and memcmp from string.h, with their results.
+ *   and _MEMCMP              Compilers may call those of their own accord too
  * A header all of whose macros are defined is not included. float.h, limits.h, stddef.h and
  * stdint.h always are; a freestanding compiler has them.
  *
@@ -359,8 +359,8 @@ ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void);
 /* How large the two buffers of a build must be. `desc` NULL: the defaults. Needs the image's
    sizes, not its pixels, which may be NULL here. The table may turn out smaller:
    envsamp_kd_bytes. Scratch holds the luminance of the map as floats, a pyramid over it, and the
-   blocks: 5 bytes a texel, 168 a block, FIT 48 and `facing` 112 more, 100 a row, and 14 KB.
-   Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
+   blocks: 5 bytes a texel, 168 a block, FIT 48 and `facing` 112 more, 30 a column, 100 a row, and
+   14 KB. Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_sizes *sizes);
 
@@ -759,9 +759,9 @@ typedef struct envsamp_lights_info {
 ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void);
 
 /* Scratch of envsamp_lights. HALFTONE and RANDOM: 8 bytes a row, 12 a column, 12 a light.
-   Cuts: up to 4 MB, 2 for a map twice as wide as high, and 104 bytes a light. RELAXED: up to 1 MB,
-   8 KB a light, no more than 4 MB of these, 200 bytes a light, and as HALFTONE. Both 32 bytes a
-   column and 40 a row. DECOMPOSED: as cuts and RELAXED, 2 MB and 5 bytes a texel. table_bytes is 0.
+   Cuts: up to 4 MB, 2 for a map twice as wide as high, and 104 bytes a light. RELAXED: up to
+   1.25 MB, 8 KB a light, no more than 4 MB of these, and 200 bytes a light. Both 32 bytes a column
+   and 40 a row. DECOMPOSED: as cuts and RELAXED, 2 MB and 5 bytes a texel. table_bytes is 0.
    `desc` NULL: the defaults. Needs the image's sizes, not its pixels.
    Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_lights_sizes(const envsamp_image *image,
@@ -1611,15 +1611,14 @@ static size_t envsamp__read_luminance(const float *from, int channels, int count
 /* Part of the map, in cells. */
 typedef struct envsamp__rect { double x0, y0, x1, y1; } envsamp__rect;
 
-/* A row of cells, or its slice from `top` to `end`, which are 0 and 1 for the whole row. sr: solid
-   angle of a column of it one cell wide. Between values a and c above and below the row, the mean
-   over the slice is a + at (c - a) and the variance spread (c - a)^2: radiance is linear in theta,
-   solid angle is not. */
-typedef struct envsamp__row_slice { double sr, at, spread, top, end; } envsamp__row_slice;
+/* A row of cells, or a slice of it. sr: solid angle of a column of it one cell wide. Between values
+   a and c above and below the row, the mean over the slice is a + at (c - a) and the variance
+   spread (c - a)^2: radiance is linear in theta, solid angle is not. */
+typedef struct envsamp__row_slice { double sr, at, spread; } envsamp__row_slice;
 
 typedef struct envsamp__level {
-    float *mean, *deviation;    /* of each cell: of level 0 neither these nor */
-    double *row_sr;             /* solid angle of a column one cell of level 0 wide, in each row */
+    float *mean, *deviation;    /* of each cell; level 0 has neither these, */
+    double *row_sr;             /* nor this: solid angle of a column one cell of level 0 wide */
     int width, height, shift;
 } envsamp__level;
 
@@ -1841,7 +1840,7 @@ ENVSAMP__HOT double envsamp__cap_between(double near0, int south0, double near1,
     return (1.0 - near0) + (1.0 - near1);
 }
 
-/* Solid angle by a unit of that, once round in u. */
+/* Solid angle of a band, once round, by a unit of 1 - cos theta, or of v. */
 ENVSAMP__MATH double envsamp__unit_sr(uint32_t mapping)
 {
     return mapping == ENVSAMP_OCTAHEDRAL ? 4.0 * ENVSAMP__PI : 2.0 * ENVSAMP__PI;
@@ -1864,15 +1863,14 @@ static envsamp__row_slice envsamp__slice_of_row(const envsamp__map *map, int y, 
                                                 double y1, int rough)
 {
     double edge = envsamp__cell_edge(map, y, 1), high = envsamp__cell_edge(map, y + 1, 1) - edge;
+    double top = (y0 - edge) / high, end = (y1 - edge) / high;
     double half = 0.5 * (y1 - y0) / high, shift = 0.0, second = 1.0 / 3.0;
     envsamp__row_slice slice;
 
-    slice.top = (y0 - edge) / high;
-    slice.end = (y1 - edge) / high;
     if (rough && map->rows[y].at >= 0.49 && map->rows[y].at <= 0.51) {
-        slice.sr = map->rows[y].sr * (slice.end - slice.top);
-        slice.at = 0.5 * (slice.top + slice.end);
-        slice.spread = (slice.end - slice.top) * (slice.end - slice.top) / 12.0;
+        slice.sr = map->rows[y].sr * (end - top);
+        slice.at = 0.5 * (top + end);
+        slice.spread = (end - top) * (end - top) / 12.0;
         return slice;
     }
     slice.sr = envsamp__rows_sr(map, y0, y1);
@@ -1891,7 +1889,7 @@ static envsamp__row_slice envsamp__slice_of_row(const envsamp__map *map, int y, 
         shift = sine > 0.0 ? fraction * h * cosine / sine : 0.0;
         second = 1.0 - 2.0 * fraction;
     }
-    slice.at = 0.5 * (slice.top + slice.end) + shift * half;
+    slice.at = 0.5 * (top + end) + shift * half;
     slice.spread = (second - shift * shift) * half * half;
     return slice;
 }
@@ -2001,11 +1999,9 @@ ENVSAMP__HOT envsamp__polar_pair envsamp__edge_pair(float y)
 {
     float cap = ENVSAMP_FABSF(y), rest = 2.0f - cap;
     int south = envsamp__sign(y);
-    envsamp__polar_pair row;
+    const envsamp__polar_pair pair = { south ? rest : cap, south ? cap : rest };
 
-    row.north = south ? rest : cap;
-    row.south = south ? cap : rest;
-    return row;
+    return pair;
 }
 
 /* v of 1 - cos theta and 1 + cos theta; of an octahedral map v is the first of them. */
@@ -2021,11 +2017,9 @@ ENVSAMP__HOT envsamp__point envsamp__between(float x0, float x1, float fx, float
                                              float fy)
 {
     envsamp__polar_pair top = envsamp__edge_pair(y0), end = envsamp__edge_pair(y1);
-    envsamp__point p;
+    const envsamp__point p = { x0 + fx * (x1 - x0), top.north + fy * (end.north - top.north),
+                               top.south + fy * (end.south - top.south) };
 
-    p.x = x0 + fx * (x1 - x0);
-    p.north = top.north + fy * (end.north - top.north);
-    p.south = top.south + fy * (end.south - top.south);
     return p;
 }
 
@@ -2101,8 +2095,8 @@ static float envsamp__node_cut(uint32_t mapping, float edge, int axis)
     return -(float)((envsamp__sign(edge) ? rest > size : size > rest) ? 2.0 - q : q);
 }
 
-/* The coordinates of nodes and grid; both 0, and `valid` 0, for what is no direction. r is
-   |(x, y)|. Of an octahedral map, 4 u and 2 v. */
+/* The coordinates of nodes and grid, of an octahedral map 4 u and 2 v. Where `valid` is 0 they are
+   some place. */
 typedef struct envsamp__l1_coords { float azimuth, polar; int valid; } envsamp__l1_coords;
 
 /* Whether a vector is a direction: r + |z| is above zero and finite. So is then |x| + |y|, but with
@@ -2119,6 +2113,7 @@ ENVSAMP__HOT int envsamp__is_direction(float side, float sum)
 #endif
 }
 
+/* r is |(x, y)|. What is no direction gets 0, 0. */
 ENVSAMP__HOT envsamp__l1_coords envsamp__to_l1_coords(float x, float y, float z, float r)
 {
     float side = ENVSAMP_FABSF(x) + ENVSAMP_FABSF(y), sum = r + ENVSAMP_FABSF(z);
@@ -2246,11 +2241,12 @@ static void envsamp__map_begin(envsamp__map *map, envsamp_row_fn fn, void *user)
     }
 }
 
-/* Reads a row ahead of the build, with memory for one row of luminance. After the last one it puts
+/* Reads a row ahead of the build, into the first line of knots. After the last one it puts
    compensation and exponent in force. Compensation [8] that would leave nothing or only rounding
    noise is off. */
-static envsamp_result envsamp__survey_row(envsamp__map *map, int y, float *luminance)
+static envsamp_result envsamp__survey_row(envsamp__map *map, int y)
 {
+    float *luminance = map->knots;
     envsamp_result result = envsamp__read_row(map, y, luminance);
     int folds = map->bilinear && map->image.mapping == ENVSAMP_OCTAHEDRAL;
     double sum = 0.0, whole_sr = (map->image.mapping == ENVSAMP_LATLONG ? 2.0 : 1.0)
@@ -2562,9 +2558,6 @@ static void envsamp__map_carve(envsamp__map *map, const envsamp_image *image,
     map->width = image->width + bilinear;
     map->height = image->height + bilinear;
     map->stride = (size_t)(map->width + bilinear);
-    map->integral = 0.0;
-    map->read_from = map->cells_from = 0;
-    map->read_to = map->cells_to = map->height;
     map->rows = ENVSAMP__TAKE(envsamp__row_slice, arena, map->height);
     map->texel_rows = ENVSAMP__TAKE(envsamp__texel_row, arena, lines ? 0 : map->image.height);
     for (map->level_count = 0; !lines; k++) {
@@ -2657,7 +2650,7 @@ typedef struct envsamp__block {
     envsamp__moments whole, low, high;  /* of the block; of the two parts of its best split */
     double at;                          /* best split: the column or row of cells */
     double weight;                      /* what it is drawn by */
-    uint32_t slot;                      /* where the tree refers to the block */
+    uint32_t slot;                      /* 2 x cut + side of the link to it; ENVSAMP__LEAF: root */
     unsigned short depth;               /* cuts above it, those of the crown not counted: WARP */
     signed char axis;                   /* of the best split: 0 at a column, 1 at a row; -1 none */
     unsigned char rough;                /* whether the moments are approximate */
@@ -2743,7 +2736,7 @@ static envsamp__row_slice envsamp__level_row(const envsamp__map *map, int k, int
     double size = envsamp__cell_size(map, k);
     double top = envsamp__max((double)y * size, rect->y0);
     double end = envsamp__min_double((double)(y + 1) * size, rect->y1);
-    envsamp__row_slice slice = { 0.0, 0.0, 0.0, 0.0, 1.0 };
+    envsamp__row_slice slice = { 0.0, 0.0, 0.0 };
 
     if (k == 0 && top <= envsamp__cell_edge(map, y, 1) && end >= envsamp__cell_edge(map, y + 1, 1))
         return map->rows[y];
@@ -3283,8 +3276,8 @@ static double envsamp__median(envsamp__tree *tree, const envsamp__rect *rect, in
     return envsamp__median_in_cell(map, &r, axis, light, share, even);
 }
 
-/* Makes the blocks that the crown ends in the first blocks of the tree, which has room for all of
-   the crown's 2^(bits + 1) - 1. */
+/* Moves the tiles, the last blocks of the crown, to the front of `blocks`, which has room for all
+   2^(bits + 1) - 1, and links the cuts. */
 static void envsamp__crown_end(envsamp__tree *tree)
 {
     envsamp__block *blocks = tree->blocks;
@@ -3333,8 +3326,7 @@ static int envsamp__most_tile_bits(int block_limit)
     return bits;
 }
 
-/* Begins a crown: of as many tiles as blocks allow for WARP, but of one for a flat map, unless
-   `flat_too`. */
+/* Begins a crown of 2^bits tiles, but of one for a flat map, unless `flat_too`. */
 static void envsamp__crown_begin(envsamp__tree *tree, int bits, int flat_too)
 {
     tree->tile_bits = 0;
@@ -3348,8 +3340,9 @@ static void envsamp__crown_begin(envsamp__tree *tree, int bits, int flat_too)
 }
 
 /* Halves the light of one more block of the crown, depth first, for the cache: the halves of
-   block i are blocks 2 i + 1 and 2 i + 2. Where floats are too coarse for a cut between the edges,
-   begins a smaller crown. Returns 0 when it is done. */
+   block i are blocks 2 i + 1 and 2 i + 2. Where floats are too coarse for a cut,
+   begins again: first with half of the cuts at columns, then with fewer tiles. Returns 0 when it is
+   done. */
 static int envsamp__crown_step(envsamp__tree *tree)
 {
     int level = 0, i = tree->crown_at;
@@ -3410,7 +3403,7 @@ typedef struct envsamp__fit {
     envsamp_kd_model model;
     envsamp_kd_objective objective;
     int count;                      /* blocks above zero */
-    const double *target;           /* L1: empirical probabilities; CHI2: Q; in falling order */
+    const double *target;           /* shares, L1: of luminance, CHI2: of Q; in falling order */
     double *weight;                 /* L1: of the residuals */
     envsamp_buffer lm_scratch;
 } envsamp__fit;
@@ -3669,8 +3662,9 @@ static void envsamp__alias_build(uint32_t *draws, int count, int shift, uint32_t
  *
  * One block of 32-bit words in the byte order of the machine, without pointers: the header below (a
  * double is two words), then the arrays that the selection needs. `bits` is log2 of block_count,
- * rounded up; tiles is 2^(tile_bits_x + tile_bits_y), 1 without WARP. A sample and a density read
- * the first 64 bytes of the header: one cache line, if the table begins with one.
+ * rounded up; tiles is 2^(tile_bits_x + tile_bits_y), 1 without WARP. A sample of WARP
+ * or ALIAS and a density, of light alone, read the first 64 bytes of the header: one cache line, if
+ * the table begins with one.
  *
  *     records  WARP        tiles x { float x0, x1, y0, y1; link }: edges in the map. Tile
  *                          j 2^tile_bits_x + i is cell (i, j) of a grid over the unit square, u0
@@ -3738,7 +3732,8 @@ struct envsamp_kd {
     uint32_t model;                             /* 56: as numbered in its enum */
     float fit_alpha, fit_end;                   /* 60: FIT: alpha; the largest x of a block */
     uint32_t node_count;                        /* 68 */
-    uint32_t criterion, bilinear, width, height;    /* 72 */
+    uint32_t criterion, bilinear, width, height;    /* 72: of the build; of these only bilinear
+                                                       is read again */
     uint32_t block_count;                       /* 88 */
     uint32_t drawn_count;                       /* 92: blocks that can be drawn: FIT, the first */
     uint32_t nodes_at;                          /* 96 */
@@ -3834,8 +3829,7 @@ typedef enum envsamp__phase {
 #define ENVSAMP__SUMMED 131072  /* bytes of the checksum in one step */
 
 /* What the jobs of kd and cdf begin with. */
-typedef struct envsamp__job envsamp__job;
-struct envsamp__job {
+typedef struct envsamp__job {
     envsamp__map map;
     void *table;
     envsamp_result result;
@@ -3845,7 +3839,7 @@ struct envsamp__job {
     uint32_t magic;                 /* of a finished table */
     envsamp__check sums;
     int (*work)(void *job, int item);   /* of the other phases; 0 at the end of one */
-};
+} envsamp__job;
 
 /* A job of `bytes` bytes at the beginning of a buffer, and what it reads the map with. */
 static void envsamp__job_carve(envsamp__job *job, size_t bytes, const envsamp_image *image,
@@ -3899,7 +3893,7 @@ static envsamp_result envsamp__job_step(envsamp__job *job, int count, int *done)
         int item = job->next++;
 
         if (job->phase == ENVSAMP__SURVEY) {
-            job->result = envsamp__survey_row(&job->map, item, job->map.knots);
+            job->result = envsamp__survey_row(&job->map, item);
             more = item + 1 < job->map.image.height;
         } else if (job->phase == ENVSAMP__CHECKSUM) {
             ENVSAMP_MEMCPY(&head, job->table, sizeof head);
@@ -3936,11 +3930,13 @@ typedef struct envsamp__facing_sum { float cut[4], area, moment[9]; } envsamp__f
 struct envsamp_kd_job {
     envsamp__job base;
     envsamp__tree tree;
-    int level, block_limit;         /* PYRAMID: the level that is made */
+    int level;                      /* PYRAMID: that is made */
+    int block_limit;                /* of the description, or of the cells */
     int crown_blocks;               /* WARP: sets the size of the crown; 0: not known yet */
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
-    uint32_t *order;                /* blocks of the tree in the order of the table; then nodes */
+    uint32_t *order;                /* blocks of the tree as the table has them; then, by cut,
+                                       numbers of nodes */
     float *density;                 /* of each block of the tree */
     uint32_t *draws, *stack;        /* ALIAS */
     envsamp_buffer lm_scratch;
@@ -3954,18 +3950,17 @@ struct envsamp_kd_job {
 static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
                               const envsamp_kd_desc *desc, envsamp__arena *arena)
 {
-    int bilinear = !desc->nearest;
-    uint64_t cells = ((uint64_t)image->width + (uint64_t)bilinear)
-                   * ((uint64_t)image->height + (uint64_t)bilinear);
-    uint64_t count = cells < (uint64_t)desc->block_count ? cells : (uint64_t)desc->block_count;
+    const envsamp__map *map = &job->base.map;
     envsamp__tree *tree = &job->tree;
 
     envsamp__job_carve(&job->base, sizeof *job, image, desc, 0, arena);
+    uint64_t count = (uint64_t)map->width * (uint64_t)map->height;
+    count = count < (uint64_t)desc->block_count ? count : (uint64_t)desc->block_count;
     job->block_limit = (int)count;
-    tree->map = &job->base.map;
+    tree->map = map;
     tree->criterion = desc->criterion;
     tree->depth_limit = desc->select == ENVSAMP_KD_WARP ? ENVSAMP__WARP_DEPTH : INT_MAX;
-    tree->fine_bits = bilinear ? ENVSAMP__FINE_BITS : 0;
+    tree->fine_bits = map->bilinear ? ENVSAMP__FINE_BITS : 0;
     tree->blocks = ENVSAMP__TAKE(envsamp__block, arena, count);
     tree->cuts = ENVSAMP__TAKE(envsamp__cut, arena, count);
     tree->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, count);
@@ -3987,7 +3982,7 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
 
         lm.residual_count = envsamp__max_int((int)count, 2);
         job->target = ENVSAMP__TAKE(double, arena, count);
-        job->weight = ENVSAMP__TAKE(double, arena, count + 1);
+        job->weight = ENVSAMP__TAKE(double, arena, count);
         job->lm_scratch.bytes = envsamp_lm_scratch_bytes(&lm);
         job->lm_scratch.data = ENVSAMP__TAKE(char, arena, job->lm_scratch.bytes);
     }
@@ -4124,7 +4119,7 @@ static double envsamp__link_q(const envsamp__tree *tree, const double *q, uint32
     return link & ENVSAMP__LEAF ? tree->blocks[link & ~ENVSAMP__LEAF].weight : q[link];
 }
 
-/* Adds what a block costs that has a density. */
+/* Adds a block drawn with density `pdf` to the second moment and to max_ratio. */
 static void envsamp__add_cost(envsamp_kd_job *job, const envsamp__block *b, double pdf)
 {
     envsamp_kd *kd = (envsamp_kd *)job->base.table;
@@ -4175,7 +4170,7 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
 #define ENVSAMP__BLOCKS_PER_FACING 30   /* blocks a node: 6144 make 205 nodes, 77 KB */
 #define ENVSAMP__NO_PART 0xffffffffu
 #define ENVSAMP__FACING_VARIANCE 0.75f  /* of the variance that counts, as of an even spread */
-#define ENVSAMP__FACING_FLOOR 4e-3f     /* least square of a weight, over that of the light */
+#define ENVSAMP__FACING_FLOOR 4e-3f     /* added under the root, over the square of the light */
 
 static envsamp__facing_sum *envsamp__facing_of(const envsamp_kd_job *job, uint32_t link)
 {
@@ -4403,7 +4398,6 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
     kd->beta = best.param[1];
     kd->drawn_count = (uint32_t)fit.count;
     kd->fit_total = envsamp__model_mass(gamma, (double)fit.count / kd->alpha);
-    kd->l1 = 0.0;
     double low = envsamp__model_g(gamma, 0.0);
     for (int i = 0; i < tree->block_count; i++) {
         double high = i < fit.count ? envsamp__model_g(gamma, (double)(i + 1) / kd->alpha) : low;
@@ -4431,7 +4425,7 @@ static void envsamp__write_block(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i
     record->edge[1] = envsamp__stored_edge(map, b->rect.x1, 0);
     record->edge[2] = envsamp__stored_edge(map, b->rect.y0, 1);
     record->edge[3] = envsamp__stored_edge(map, b->rect.y1, 1);
-    if (probability > 0.0)              /* of a steep fit next to 0, but lit */
+    if (probability > 0.0)              /* lit, though a steep fit gives it next to nothing */
         pdf = envsamp__max(probability / envsamp__edges_sr(kd->mapping, record->edge),
                            (double)FLT_MIN);
     job->density[number] = (float)pdf;
@@ -4646,7 +4640,8 @@ static int envsamp__kd_work(void *work, int item)
     }
 }
 
-/* Whether a job has read all of a map, as it is, whose cells lie in scratch as those of `image`. */
+/* Whether scratch holds a map of this size and kind, all rows read, without compensation or
+   exponent. */
 static int envsamp__has_cells(const envsamp_kd_job *last, const envsamp_image *image, int nearest)
 {
     const envsamp__map *map = &last->base.map;
@@ -4878,8 +4873,9 @@ static int envsamp__kd_arrays_valid(const envsamp_kd *kd)
     for (uint32_t size = sizeof *top / 4; at < end; at += size, top++)
         valid &= envsamp__floats_valid(top->cut, 7, -1.0f, 1.0f)
               && envsamp__floats_valid(top->edge, 7, -2.0f, 4.0f)
-              && envsamp__links_valid(top->child[0], 8, at + size, end, size)
-              && envsamp__floats_valid(top->moment[0][0], 72, -4.0f, 4.0f);
+              && envsamp__links_valid((const uint32_t *)(const void *)top->child, 8, at + size, end,
+                                      size)
+              && envsamp__floats_valid((const float *)(const void *)top->moment, 72, -4.0f, 4.0f);
     return valid;
 }
 
@@ -5072,7 +5068,7 @@ ENVSAMP__HOT uint32_t envsamp__is_high(float cut, uint64_t place)
     return (uint32_t)(place >> (bits >> 26 & 32)) >= (bits & 0x7fffffffu);
 }
 
-/* Two cuts on the way down. A density reads the header, and its result means nothing. */
+/* Two cuts on the way down. Given a density it reads the header, and callers drop the result. */
 ENVSAMP__HOT uint32_t envsamp__node_step(const envsamp_kd *kd, uint32_t link, uint64_t place)
 {
     const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd,
@@ -5115,8 +5111,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf(const envsamp_kd *kd, const floa
  * (E[c] + E[|c|]) / 2. E[|c|] is taken as the root of E[c]^2 + 3/4 of the variance of c: exact
  * where c spreads evenly about 0. So w, twice the mean, is a sum of three products plus the root of
  * a sum of six. A factor of 1.002 keeps it above what rounding takes. FACING_FLOOR keeps it at 1/32
- * of the most that it can be, also below the horizon: a lamp at grazing angle may be what a glossy
- * surface shows. What else was tried: bench/experiments.md.
+ * of the most that it can be at the horizon, 1/670 opposite the normal: a lamp at grazing angle may
+ * be what a glossy surface shows. What else was tried: bench/experiments.md.
  */
 
 /* A normal, scaled so that nothing overflows, and its products as facing_sum has them; 0 for what
@@ -6381,8 +6377,6 @@ ENVSAMP__MATH float envsamp__cdf_number(const uint32_t *edge, double f)
 ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const float dir[3],
                                                   float u[2])
 {
-    double fy;
-
     ENVSAMP_ASSERT(cdf && dir && u);
     u[0] = u[1] = 0.0f;
     envsamp__cdf_texel at = envsamp__cdf_at(cdf, cdf->mapping == ENVSAMP_OCTAHEDRAL, dir[0],
@@ -6395,7 +6389,8 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
     double x1 = envsamp__min_double(x0 + 1.0, (double)cdf->image_width);
     x0 = envsamp__max(x0, 0.0);
     const envsamp__cdf_row *row = ENVSAMP__ARRAY(envsamp__cdf_row, cdf, rows) + at.row;
-    fy = envsamp__exact_between(e, envsamp__cdf_row_edge(row), envsamp__cdf_row_edge(row + 1));
+    double fy = envsamp__exact_between(e, envsamp__cdf_row_edge(row),
+                                       envsamp__cdf_row_edge(row + 1));
     u[0] = envsamp__cdf_number(ENVSAMP__CDF_EDGES(ENVSAMP__ARRAY, cdf, at.row) + at.column,
                                (e.x * (double)cdf->image_width - x0) / (x1 - x0));
     u[1] = envsamp__cdf_number(ENVSAMP__ARRAY(uint32_t, cdf, row_edges) + at.row, fy);
@@ -6405,8 +6400,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF int envsamp_cdf_invert(const envsamp_cdf *cdf, const 
 /* ---- many at a time ---- */
 
 /* Cells of all guides, then all edges, of a batch are fetched into the cache before the first is
-   read. Directions are those of a whole batch, or of some multiple of 16, so that compilers
-   vectorise them. */
+   read. */
 ENVSAMP_DEF void envsamp_cdf_sample_n(const envsamp_cdf *cdf, size_t n, const float *u0,
                                       const float *u1, float *x, float *y, float *z, float *pdf)
 {
@@ -6447,9 +6441,9 @@ ENVSAMP_DEF void envsamp_cdf_pdf_n(const envsamp_cdf *cdf, size_t n, const float
 {
     envsamp__cdf_texel at[ENVSAMP__BATCH];
     float r[ENVSAMP__BATCH];
-    int octahedral = cdf->mapping == ENVSAMP_OCTAHEDRAL;
 
     ENVSAMP_ASSERT(cdf && n <= SIZE_MAX / 8 && ((x && y && z && pdf) || !n));
+    int octahedral = cdf->mapping == ENVSAMP_OCTAHEDRAL;
     for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
         size_t count = n - start < ENVSAMP__BATCH ? n - start : ENVSAMP__BATCH;
 
@@ -6935,7 +6929,8 @@ typedef struct envsamp__mover {
     envsamp__patch sum;         /* and their sums */
     double weight, best_weight; /* now, and where the energy was least */
     double toward[3];           /* sum of share x direction / chord over the pieces, */
-    double chord, lights_chord; /* and of share x chord, over the pieces and over the lights */
+    double chord, lights_chord; /* and of share x chord, over the pieces and over the lights; also
+                                   work, and cosine of a texel */
     int tried;                  /* another was sent to it in vain */
 } envsamp__mover;
 
@@ -7145,10 +7140,10 @@ static void envsamp__sum_lines(const envsamp__lights *l, const envsamp__region *
 }
 
 /* Cuts a region where the cost is least: how far the parts are from equal in luminance or number of
-   lines, or the sum of their spreads. Cuts, both of whose parts have more than 1e-9 of its
-   luminance, try the other axis where there is none, VARIANCE_CUT both. Halves within a patch are
-   of texels; where one is black the region shrinks to the other. Returns 0 if there is nothing left
-   to cut. */
+   lines, or the sum of their spreads. But for halves, both parts need 1e-9 of its luminance;
+   without a cut the other axis is tried. VARIANCE_CUT tries both. Halves within a patch are of
+   texels; where one is black the region shrinks to the other. Returns 0 if there is nothing left to
+   cut. */
 static int envsamp__cut_region(envsamp__lights *l, envsamp__region *r, envsamp__region *rest)
 {
     int variance = l->rule == ENVSAMP_LIGHTS_VARIANCE_CUT;
@@ -7326,8 +7321,9 @@ static void envsamp__cut_lights(envsamp__lights *l, int count, envsamp_light *li
 /* ---- relaxed ----
  *
  * The map is halved into pieces of at most 1/32 of a light's luminance or single texels, each a
- * direction with a weight. Lights start on the pieces that are farthest from the lights before, and
- * Lloyd's relaxation moves them to centroids. Then directions and weights are sought that minimise
+ * direction with a weight. Lights start one by one where the others have most to do, luminance x
+ * distance, and Lloyd's relaxation moves them to centroids. Then directions and weights are sought
+ * that minimise
  *
  *     2 sum_ij w_i m_j |x_i - p_j| - sum_ik w_i w_k |x_i - x_k|    with    sum w = sum m, w >= 0,
  *
@@ -7343,7 +7339,7 @@ static void envsamp__cut_lights(envsamp__lights *l, int count, envsamp_light *li
  * to do; the lights go back if that does not lower the sum. bench/experiments.md has other ways.
  */
 
-#define ENVSAMP__PIECES_PER_LIGHT 32        /* a piece has that part of a light's at most */
+#define ENVSAMP__PIECES_PER_LIGHT 32        /* a piece has at most 1/32 of a light's luminance */
 #define ENVSAMP__PIECES_MAX 32768
 #define ENVSAMP__RELAXED_MAX (ENVSAMP__PIECES_MAX / 2)      /* lights */
 #define ENVSAMP__DISTANCES_MAX (1 << 25)    /* in all rounds */
@@ -7377,8 +7373,8 @@ static void envsamp__fill_points(envsamp__lights *l, int channel, double total)
     }
 }
 
-/* Makes pieces: halves those that are large, then the brightest, until all have little luminance,
-   and as many more as are half of what there is room for. */
+/* Makes pieces: halves those that are large, then the brightest, until all have little luminance
+   and half of the room is used. */
 static void envsamp__make_pieces(envsamp__lights *l)
 {
     double bright = l->total.luminance / (double)(ENVSAMP__PIECES_PER_LIGHT * l->made);
@@ -8009,7 +8005,8 @@ static void envsamp__lights_carve(envsamp__lights *l, const envsamp_image *image
         l->most = envsamp__min(1024 + 2 * ENVSAMP__PIECES_PER_LIGHT * count, ENVSAMP__PIECES_MAX);
         l->movers = ENVSAMP__TAKE(envsamp__mover, arena, count);
         l->points = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(l->most));
-        l->places = ENVSAMP__TAKE(envsamp__points, arena, ENVSAMP__POINT_GROUPS(count));
+        l->places = ENVSAMP__TAKE(envsamp__points, arena,
+                                  relaxes ? ENVSAMP__POINT_GROUPS(count) : 0);
         l->reach = ENVSAMP__TAKE(float, arena, l->most);
         regions = envsamp__max_int(l->most, count);
     }
@@ -8051,8 +8048,9 @@ static void envsamp__texel_lights(const envsamp__lights *l, envsamp_light *light
     }
 }
 
-/* Where fewer were made, has them share the count. Then tints all lights alike, so that they sum to
-   the map's integral in each channel. One that no light has is shared out evenly. */
+/* Where fewer were made, duplicates them up to the count and divides their energy. Then tints all
+   lights alike, so that they sum to the map's integral in each channel. One that no light has is
+   shared out evenly. */
 static void envsamp__balance_lights(const envsamp__lights *l, envsamp_light *lights)
 {
     int count = l->desc->count;
@@ -8112,8 +8110,8 @@ ENVSAMP_DEF envsamp_lights_desc envsamp_lights_defaults(void)
     return envsamp__lights_filled(NULL);
 }
 
-/* Bytes of scratch that a good description takes; with a `mask` only what finds the threshold
-   counts. */
+/* Checks a description and asks for its scratch; with a `mask` only percentile, lambda and gamma
+   count. */
 static envsamp_result envsamp__lights_check(const envsamp_image *image,
                                             const envsamp_lights_desc *desc, uint8_t *mask,
                                             envsamp_sizes *sizes)
@@ -8126,14 +8124,13 @@ static envsamp_result envsamp__lights_check(const envsamp_image *image,
         return result;
     if (!envsamp__in_range(desc->percentile, -FLT_MAX, 1.0f)
         || !envsamp__in_range(desc->lambda, -FLT_MAX, FLT_MAX)
-        || !envsamp__in_range(desc->gamma, -FLT_MAX, FLT_MAX))
-        return ENVSAMP_ERR_PARAM;
-    if (!mask && (desc->count < 1 || desc->count > 65536
-                  || (uint32_t)desc->method > ENVSAMP_LIGHTS_RANDOM
-                  || !envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
-                  || !envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
-                  || !envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
-                  || !envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX)))
+        || !envsamp__in_range(desc->gamma, -FLT_MAX, FLT_MAX)
+        || (!mask && (desc->count < 1 || desc->count > 65536
+                      || (uint32_t)desc->method > ENVSAMP_LIGHTS_RANDOM
+                      || !envsamp__in_range(desc->mask_scale, -FLT_MAX, FLT_MAX)
+                      || !envsamp__in_range(desc->weight_variance, 0.0f, FLT_MAX)
+                      || !envsamp__in_range(desc->weight_extent, 0.0f, FLT_MAX)
+                      || !envsamp__in_range(desc->weight_energy, 0.0f, FLT_MAX))))
         return ENVSAMP_ERR_PARAM;
     envsamp__lights_carve(&l, image, desc, mask, &arena);
     return envsamp__set_sizes(sizes, 0, arena.used);
@@ -8348,7 +8345,6 @@ static double envsamp__lm_evaluate(envsamp__lm *lm, const double *point, double 
 static double envsamp__lm_difference(envsamp__lm *lm, int j, double scale, double h)
 {
     double point[ENVSAMP__LM_MAX_PARAMS] = { 0.0 }, *column = lm->column[j];
-    double noise;
 
     ENVSAMP_MEMCPY(point, lm->params, (size_t)lm->n * sizeof(double));
     point[j] += h;
@@ -8366,7 +8362,8 @@ static double envsamp__lm_difference(envsamp__lm *lm, int j, double scale, doubl
         return -1.0;
     for (int i = 0; i < lm->m && scale > 0.0; i++)
         column[i] /= scale;
-    noise = DBL_EPSILON * (1024.0 * ENVSAMP_SQRT(lm->cost) + 4.0 * envsamp__lm_scaled_norm(lm));
+    double noise = DBL_EPSILON * (1024.0 * ENVSAMP_SQRT(lm->cost)
+                                  + 4.0 * envsamp__lm_scaled_norm(lm));
     double change = norm * ENVSAMP__FABS(h) / noise;
     unit *= 1e-7 * ENVSAMP__FABS(lm->params[j]);
     return change > 4294967296.0 && ENVSAMP__FABS(h) > unit ? -1.0 : change;
