@@ -4640,18 +4640,6 @@ static int envsamp__kd_work(void *work, int item)
     }
 }
 
-/* Whether scratch holds a map of this size and kind, all rows read, without compensation or
-   exponent. */
-static int envsamp__has_cells(const envsamp_kd_job *last, const envsamp_image *image, int nearest)
-{
-    const envsamp__map *map = &last->base.map;
-
-    return map->whole == ENVSAMP__WHOLE && map->bilinear == !nearest
-        && map->image.width == image->width && map->image.height == image->height
-        && map->image.channels == image->channels && map->image.mapping == image->mapping
-        && !envsamp__is_surveyed(&map->image, &map->desc);
-}
-
 ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, envsamp_row_fn fn,
                                                     void *user, const envsamp_kd_desc *desc,
                                                     int first_row, int row_count,
@@ -4677,8 +4665,12 @@ ENVSAMP_DEF envsamp_result envsamp_kd_rebuild_begin(const envsamp_image *image, 
         first_row = 0;
         row_count = INT_MAX;
     }
-    if ((first_row > 0 || row_count < image->height)
-        && !envsamp__has_cells(begun, image, filled.nearest))
+    const envsamp__map *last = &begun->base.map;
+    if ((first_row > 0 || row_count < image->height)    /* the same map, and all of it as it is */
+        && (last->whole != ENVSAMP__WHOLE || last->bilinear != !filled.nearest
+            || last->image.width != image->width || last->image.height != image->height
+            || last->image.channels != image->channels || last->image.mapping != image->mapping
+            || envsamp__is_surveyed(&last->image, &last->desc)))
         return ENVSAMP_ERR_FORMAT;
     envsamp__kd_carve(begun, image, &filled, &arena);
     envsamp__map *map = &begun->base.map;
