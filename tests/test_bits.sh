@@ -17,7 +17,12 @@ agrees() {  # compiler and flags
             return
         fi
     done
-    got=$("$@" -w -I. tests/portability/bits.c -o "$tmp/bits" -lm && $run "$tmp/bits")
+    got=$("$@" -w -I. tests/portability/bits.c -o "$tmp/bits" -lm && $run "$tmp/bits" 2>"$tmp/log")
+    if [ $? -eq 126 ]; then
+        echo "ok $count # SKIP nothing here runs what $1 makes"
+        return
+    fi
+    cat "$tmp/log" 2>/dev/null
     want=${want:-$got}
     [ -n "$got" ] && [ "$got" = "$want" ] && result=ok || result="not ok"
     echo "$result $count - $* gives $got, wanted $want"
