@@ -359,8 +359,8 @@ ENVSAMP_DEF envsamp_kd_desc envsamp_kd_defaults(void);
 /* How large the two buffers of a build must be. `desc` NULL: the defaults. Needs the image's
    sizes, not its pixels, which may be NULL here. The table may turn out smaller:
    envsamp_kd_bytes. Scratch holds the luminance of the map as floats, a pyramid over it, and the
-   blocks: 5 bytes a texel, 168 a block, FIT 48 and `facing` 112 more, 30 a column, 100 a row, and
-   14 KB. Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
+   blocks: 5 bytes a texel, 168 a block, ALIAS 12, FIT 48 and `facing` 112 more, 30 a column, 100 a
+   row, and 14 KB. Returns ENVSAMP_ERR_NULL, _SIZE, _PARAM or _ALIGN, and then zero sizes. */
 ENVSAMP_DEF envsamp_result envsamp_kd_sizes(const envsamp_image *image,
                                             const envsamp_kd_desc *desc, envsamp_sizes *sizes);
 
@@ -6317,9 +6317,9 @@ ENVSAMP_DEVICE ENVSAMP_DEF envsamp_sample envsamp_cdf_sample(const envsamp_cdf *
 
 /* ---- density ---- */
 
-/* The texel in a direction. r is |(x, y)|. v is half a turn of the arc tangent of r / |z|, which is
-   an eighth of a turn and that of t: the sum of envsamp__octant_turn, but in pairs, as it waits for
-   r. */
+/* The texel in a direction. `octahedral`: whether the map is, a constant in loops that compilers
+   vectorise. r is |(x, y)|. v is half a turn of the arc tangent of r / |z|, which is an eighth of a
+   turn and that of t: the sum of envsamp__octant_turn, but in pairs, as it waits for r. */
 ENVSAMP__HOT envsamp__cdf_texel envsamp__cdf_at(const envsamp_cdf *cdf, int octahedral, float x,
                                                 float y, float z, float r)
 {

@@ -64,6 +64,38 @@ static void ask_kd(const envsamp_image *image, double texels)
     }
 }
 
+/* Scratch of kd is what the header says: 5 bytes a texel, 168 a block, ALIAS 12, FIT 48 and
+   `facing` 112 more, 30 a column, 100 a row, and 14 KB. The control takes the columns away. */
+static void test_kd_scratch(void)
+{
+    static const int shapes[6][2] = { { 65535, 4 }, { 65535, 1 }, { 4, 65535 }, { 2048, 1024 },
+                                      { 512, 256 }, { 3, 3 } };
+    static const double more[3] = { 0.0, 12.0, 48.0 };
+    int i, count = 0, right = 0, narrow = 0;
+
+    for (i = 0; i < 6 * 16; i++) {
+        envsamp_image image = { NULL, shapes[i % 6][0], shapes[i % 6][1], 4, 0, ENVSAMP_LATLONG };
+        envsamp_kd_desc desc = envsamp_kd_defaults();
+        envsamp_sizes sizes = { 0, 0 };
+        double cells, said;
+
+        desc.select = (envsamp_kd_select)(i / 6 % 4 % 3);
+        desc.facing = i / 6 % 4 == 3;
+        desc.nearest = i / 24 % 2;
+        image.mapping = i / 48 ? ENVSAMP_OCTAHEDRAL : ENVSAMP_LATLONG;
+        cells = ((double)image.width + 1.0) * ((double)image.height + 1.0);
+        said = 5.0 * (double)image.width * (double)image.height + 30.0 * (double)image.width
+             + 100.0 * (double)image.height + 14.0 * 1024.0
+             + (168.0 + more[desc.select] + (desc.facing ? 112.0 : 0.0))
+               * (cells < 6144.0 ? cells : 6144.0);
+        count += envsamp_kd_sizes(&image, &desc, &sizes) == ENVSAMP_OK;
+        right += (double)sizes.scratch_bytes <= said;
+        narrow += (double)sizes.scratch_bytes <= said - 30.0 * (double)image.width;
+    }
+    CHECK(count == 96 && right == 96, "%d of %d scratch sizes of kd are as said", right, count);
+    CHECK(narrow < 96, "control: without what columns take %d are", narrow);
+}
+
 static void ask_cdf(const envsamp_image *image, double texels)
 {
     envsamp_sizes sizes = { 1, 1 };
@@ -233,6 +265,7 @@ int main(int argc, char **argv)
     ask_all("halftone", ask_halftone);
     if (printing)
         return 0;
+    test_kd_scratch();
     test_lm();
     test_mask();
     test_strides();

@@ -6,20 +6,7 @@ if [ ! -f /usr/include/embree3/rtcore.h ] && [ ! -f /usr/include/embree4/rtcore.
     echo "1..0 # SKIP no Embree here"
     exit 0
 fi
-tmp=$(mktemp -d) || exit 1
-trap 'rm -rf "$tmp"' EXIT
-count=0
-failures=0
-
-report() {
-    count=$((count + 1))
-    if [ "$1" -eq 0 ]; then
-        echo "ok $count - $2"
-    else
-        echo "not ok $count - $2"
-        failures=$((failures + 1))
-    fi
-}
+. tests/report.sh
 
 tables=build/render_tables
 csv=$tmp/render.csv
@@ -76,4 +63,4 @@ $tables -q -o "$tmp/no/such/folder" >"$tmp/out" 2>"$tmp/err"
 [ $? -eq 1 ] && [ "$(wc -l <"$tmp/err")" = 1 ]
 report $? "a folder that cannot be made: $(sed "s#$tmp/##g" "$tmp/err")"
 echo "1..$count"
-[ "$failures" -eq 0 ]
+[ "$failed" -eq 0 ]
