@@ -4046,33 +4046,38 @@ static void envsamp__write_pdf_nodes(const envsamp_kd_job *job, envsamp_kd *kd)
 }
 
 /* Row y of the grid: the deepest link whose region holds a cell. Cells have exact edges: so it is
-   right for every point that falls in one. */
+   right for every point that falls in one. Runs of cells, each half as long as the last, go on from
+   the link of the run that they are half of. */
 static void envsamp__write_grid(envsamp_kd *kd, uint32_t y)
 {
     uint32_t *cell = ENVSAMP__ARRAY_OUT(uint32_t, kd, grid) + (y << kd->grid_bits_x);
-    float across = 4.0f / (float)(1u << kd->grid_bits_x);
+    uint32_t columns = 1u << kd->grid_bits_x;
+    float across = 4.0f / (float)columns;
     float down = envsamp__polar_end(kd->mapping) / (float)(1u << kd->grid_bits_y);
 
-    for (uint32_t x = 0; x < 1u << kd->grid_bits_x; x++) {
-        const float low[2] = { across * (float)x, down * (float)y };
-        const float high[2] = { across * (float)(x + 1), down * (float)(y + 1) };
-        uint32_t at = 3;
+    cell[0] = ENVSAMP__INNER | kd->nodes_at / 4;
+    for (uint32_t run = columns; run > 0; run /= 2)
+        for (uint32_t x = columns; x > 0;) {    /* downwards: an even one is its odd one's start */
+            x -= run;
+            const float low[2] = { across * (float)x, down * (float)y };
+            const float high[2] = { across * (float)(x + run), down * (float)(y + 1) };
+            uint32_t at = 3, link = cell[x & ~run];
 
-        cell[x] = ENVSAMP__INNER | kd->nodes_at / 4;
-        while (at > 2 && cell[x] & ENVSAMP__INNER) {
-            const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, cell[x]);
+            while (at > 2 && link & ENVSAMP__INNER) {
+                const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, link);
 
-            for (at = 0; at < 3;) {
-                int axis = envsamp__sign(node->cut[at]);
-                float cut = ENVSAMP_FABSF(node->cut[at]);
+                for (at = 0; at < 3;) {
+                    int axis = envsamp__sign(node->cut[at]);
+                    float cut = ENVSAMP_FABSF(node->cut[at]);
 
-                if (cut > low[axis] && cut < high[axis])
-                    break;
-                at = 2 * at + 1 + (cut <= low[axis]);
+                    if (cut > low[axis] && cut < high[axis])
+                        break;
+                    at = 2 * at + 1 + (cut <= low[axis]);
+                }
+                link = at > 2 ? node->child[at - 3] : link;
             }
-            cell[x] = at > 2 ? node->child[at - 3] : cell[x];
+            cell[x] = link;
         }
-    }
 }
 
 /* ---- blocks of WARP ---- */
