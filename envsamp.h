@@ -1014,9 +1014,6 @@ ENVSAMP__MATH float envsamp__bits_float(uint32_t bits)
 #define ENVSAMP__FINITE_ONLY
 #endif
 
-/* 1 for 0 and -0. */
-static int envsamp__is_zero(float value) { return envsamp__float_bits(value) << 1 == 0; }
-
 /* An integer that rises with the number: infinities are beyond FLT_MAX, NaNs beyond these. */
 ENVSAMP__MATH int32_t envsamp__order(float value)
 {
@@ -1029,6 +1026,12 @@ ENVSAMP__MATH int envsamp__in_range(float value, float least, float most)
 {
     return envsamp__order(value) >= envsamp__order(least)
         && envsamp__order(value) <= envsamp__order(most);
+}
+
+/* What stands for 0 and -0 in a description. */
+static float envsamp__or(float value, float otherwise)
+{
+    return envsamp__in_range(value, 0.0f, 0.0f) ? otherwise : value;
 }
 
 /* |x|, but no more than `most`: that for a NaN. Without a branch. */
@@ -2076,13 +2079,13 @@ ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *at, 
 
 /* ---- coordinates of density ---- */
 
-/* The cut of a node at an edge as a table stores it: azimuth, 0..4, or minus the polar angle,
-   0..2. */
-static float envsamp__node_cut(uint32_t mapping, float edge, int axis)
+/* The cut of a node at an edge: azimuth, 0..4, or minus the polar angle, 0..2. */
+static float envsamp__node_cut(const envsamp__map *map, double at, int axis)
 {
+    float edge = envsamp__stored_edge(map, at, axis);
     double size = (double)ENVSAMP_FABSF(edge), rest = 2.0 - size, sine, cosine, q;
 
-    if (mapping == ENVSAMP_OCTAHEDRAL)
+    if (map->image.mapping == ENVSAMP_OCTAHEDRAL)
         return axis ? -2.0f * edge : 4.0f * edge;
     if (axis == 0) {
         envsamp__sincos_pi(2.0 * size, &sine, &cosine);
@@ -2355,37 +2358,30 @@ static void envsamp__cell_row(envsamp__map *map, int cell_y)
     envsamp__level *level = &map->levels[1];
     size_t cell = (size_t)cell_y * (size_t)level->width;
     int y0 = cell_y * 4, rows = envsamp__min(4, map->height - y0), b = map->bilinear;
+    float weight[4];
 
-    for (int x0 = 0; x0 < map->width; x0 += ENVSAMP__CHUNK) {
-        int count = envsamp__min(ENVSAMP__CHUNK, map->width - x0);
-        float sum[ENVSAMP__CHUNK], square[ENVSAMP__CHUNK], peak[ENVSAMP__CHUNK + 1];
+    for (int y = 0; y < rows; y++)
+        weight[y] = (float)(map->rows[y0 + y].sr / level->row_sr[cell_y]);
+    for (int x0 = 0; x0 < map->width; x0 += 16) {
+        float sum[16] = { 0.0f }, square[16] = { 0.0f }, peak[17] = { 0.0f };
+        int count = envsamp__min(16, map->width - x0);
 
-        for (int x = 0; x < ENVSAMP__CHUNK; x++)
-            sum[x] = square[x] = peak[x] = 0.0f;
-        peak[count] = 0.0f;
-        for (int y = y0; y < y0 + rows; y++) {
-            const envsamp__row_slice *slice = &map->rows[y];
-            float weight = (float)(slice->sr / level->row_sr[cell_y]);
-            float down = (float)slice->at, tall = (float)slice->spread;
-            const float *a = envsamp__line(map, y) + x0, *c = envsamp__line(map, y + b) + x0;
+        for (int y = 0; y < rows; y++) {
+            const envsamp__row_slice *slice = &map->rows[y0 + y];
+            const float *a = envsamp__line(map, y0 + y) + x0;
+            const float *c = envsamp__line(map, y0 + y + b) + x0;
+            float mean[16], variance[16];
 
-            for (int x = 0; x < count; x += 16) {
-                float mean[16], variance[16];
-
-                envsamp__cells(map, 16, a + x, c + x, down, tall, NULL, NULL, mean, variance);
-                for (int i = 0; i < 16; i++) {
-                    float above = a[x + i], below = c[x + i], most = peak[x + i];
-
-                    most = above > most ? above : most;
-                    peak[x + i] = below > most ? below : most;
-                    sum[x + i] += weight * mean[i];
-                    square[x + i] += weight * (mean[i] * mean[i] + variance[i]);
-                }
+            envsamp__cells(map, 16, a, c, (float)slice->at, (float)slice->spread, NULL, NULL, mean,
+                           variance);
+            for (int i = 0; i < 16; i++) {
+                peak[i] = a[i] > peak[i] ? a[i] : peak[i];
+                peak[i] = c[i] > peak[i] ? c[i] : peak[i];
+                sum[i] += weight[y] * mean[i];
+                square[i] += weight[y] * (mean[i] * mean[i] + variance[i]);
             }
-            a = envsamp__line(map, y) + x0 + count;
-            c = envsamp__line(map, y + b) + x0 + count;
-            peak[count] = *a > peak[count] ? *a : peak[count];
-            peak[count] = *c > peak[count] ? *c : peak[count];
+            peak[16] = a[16] > peak[16] ? a[16] : peak[16];
+            peak[16] = c[16] > peak[16] ? c[16] : peak[16];
         }
         for (int x = 0; x < count; x += 4, cell++) {
             float *s = sum + x, *q = square + x, inverse = 0.25f, most = peak[x];
@@ -2720,15 +2716,6 @@ static envsamp__window envsamp__touched(const envsamp__map *map, int k, const en
     return w;
 }
 
-/* Whether a rectangle cuts cells of level k. */
-static int envsamp__is_cut(const envsamp__map *map, int k, const envsamp__rect *rect)
-{
-    envsamp__window w = envsamp__touched(map, k, rect, 0);
-    envsamp__window inner = envsamp__touched(map, k, rect, 1);
-
-    return ENVSAMP_MEMCMP(&inner, &w, sizeof w) != 0;
-}
-
 /* The slice of row y of level k that lies in a rectangle; above level 0 only its solid angle. */
 static envsamp__row_slice envsamp__level_row(const envsamp__map *map, int k, int y,
                                              const envsamp__rect *rect)
@@ -3036,24 +3023,26 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
     }
 }
 
-/* The level at which a block's split is searched. */
-static int envsamp__split_level(const envsamp__tree *tree, const envsamp__rect *rect)
+/* The level at which a block's split is searched, and whether sums there are approximate. */
+static int envsamp__split_level(const envsamp__tree *tree, const envsamp__rect *rect, int *rough)
 {
     const envsamp__map *map = tree->map;
-    envsamp__window fine = envsamp__touched(map, 0, rect, 0);
+    envsamp__window fine = envsamp__touched(map, 0, rect, 0), w, within;
     int width = fine.x1 - fine.x0, height = fine.y1 - fine.y0;
     int k = (int64_t)width * height > ENVSAMP__SPLIT_CELLS ? 1 : -tree->fine_bits;
 
     for (;; k++) {
-        envsamp__window w = envsamp__touched(map, k, rect, 0);
+        w = envsamp__touched(map, k, rect, 0);
         if (k + 1 == map->level_count
             || (int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__SPLIT_CELLS)
             break;
     }
-    if (k <= 0 || envsamp__max_int(width, height) > ENVSAMP__SPLIT_CELLS
-        || (int64_t)width * height > ENVSAMP__CUT_CELLS)
-        return k;
-    return envsamp__is_cut(map, k, rect) ? 0 : k;
+    within = envsamp__touched(map, k > 0 ? k : 0, rect, 1);
+    *rough = k < 0 || (k > 0 && ENVSAMP_MEMCMP(&within, &w, sizeof w));
+    if (k > 0 && *rough && envsamp__max_int(width, height) <= ENVSAMP__SPLIT_CELLS
+        && (int64_t)width * height <= ENVSAMP__CUT_CELLS)
+        *rough = k = 0;
+    return k;
 }
 
 /* The best place to cut along one axis. */
@@ -3102,13 +3091,14 @@ static void envsamp__try_cuts(const envsamp__profile *p, int count, double cross
 static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
 {
     const envsamp__map *map = tree->map;
-    int k = envsamp__split_level(tree, &b->rect), excess = tree->criterion == ENVSAMP_KD_EXCESS;
+    int rough, k = envsamp__split_level(tree, &b->rect, &rough);
+    int excess = tree->criterion == ENVSAMP_KD_EXCESS;
     envsamp__window w = envsamp__touched(map, k, &b->rect, 0);
     int width = w.x1 - w.x0, height = w.y1 - w.y0;
     double columns = b->rect.x1 - b->rect.x0, sr = envsamp__block_sr(b);
     envsamp__search search = { -DBL_MAX, -1, 0 };
 
-    b->rough = k < 0 || (k > 0 && envsamp__is_cut(map, k, &b->rect));
+    b->rough = (unsigned char)rough;
     envsamp__moments whole = envsamp__profile_rect(map, k, &b->rect, tree->columns, tree->rows);
     envsamp__try_cuts(tree->columns, width, b->column_sr, sr, &whole, excess, 0, &search);
     envsamp__try_cuts(tree->rows, height, columns, sr, &whole, excess, 1, &search);
@@ -3841,16 +3831,6 @@ typedef struct envsamp__job {
     int (*work)(void *job, int item);   /* of the other phases; 0 at the end of one */
 } envsamp__job;
 
-/* A job of `bytes` bytes at the beginning of a buffer, and what it reads the map with. */
-static void envsamp__job_carve(envsamp__job *job, size_t bytes, const envsamp_image *image,
-                               const envsamp_kd_desc *desc, uint64_t lines,
-                               envsamp__arena *arena)
-{
-    ENVSAMP_MEMSET(job, 0, bytes);
-    envsamp__take(arena, 1, bytes);
-    envsamp__map_carve(&job->map, image, desc, lines, arena);
-}
-
 static envsamp_result envsamp__job_check(const envsamp_image *image, envsamp_row_fn fn,
                                          const envsamp_sizes *sizes, envsamp_buffer table,
                                          envsamp_buffer scratch)
@@ -3953,7 +3933,9 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     const envsamp__map *map = &job->base.map;
     envsamp__tree *tree = &job->tree;
 
-    envsamp__job_carve(&job->base, sizeof *job, image, desc, 0, arena);
+    ENVSAMP_MEMSET(job, 0, sizeof *job);
+    envsamp__take(arena, 1, sizeof *job);
+    envsamp__map_carve(&job->base.map, image, desc, 0, arena);
     uint64_t count = (uint64_t)map->width * (uint64_t)map->height;
     count = count < (uint64_t)desc->block_count ? count : (uint64_t)desc->block_count;
     job->block_limit = (int)count;
@@ -4012,12 +3994,6 @@ static uint32_t envsamp__number_nodes(envsamp_kd_job *job)
     return count;
 }
 
-static float envsamp__tree_cut(const envsamp__map *map, const envsamp__cut *cut)
-{
-    return envsamp__node_cut(map->image.mapping, envsamp__stored_edge(map, cut->at, cut->axis),
-                             cut->axis);
-}
-
 static void envsamp__write_pdf_nodes(const envsamp_kd_job *job, envsamp_kd *kd)
 {
     const envsamp__tree *tree = &job->tree;
@@ -4028,13 +4004,14 @@ static void envsamp__write_pdf_nodes(const envsamp_kd_job *job, envsamp_kd *kd)
         if (c >= 0 && !number[c])
             continue;
         if (c >= 0)
-            node->cut[0] = envsamp__tree_cut(tree->map, &tree->cuts[c]);
+            node->cut[0] = envsamp__node_cut(tree->map, tree->cuts[c].at, tree->cuts[c].axis);
         for (int i = 0; i < 4; i++) {
             uint32_t link = c >= 0 ? tree->cuts[c].child[i >> 1] : tree->root;
 
             if (!(link & ENVSAMP__LEAF) && !number[link]) {
                 if (!(i & 1))
-                    node->cut[1 + (i >> 1)] = envsamp__tree_cut(tree->map, &tree->cuts[link]);
+                    node->cut[1 + (i >> 1)] = envsamp__node_cut(tree->map, tree->cuts[link].at,
+                                                                tree->cuts[link].axis);
                 link = tree->cuts[link].child[i & 1];
             }
             node->child[i] = link & ENVSAMP__LEAF
@@ -4221,25 +4198,6 @@ static const envsamp__cut *envsamp__facing_cut(const envsamp_kd_job *job, uint32
          ? cut : NULL;
 }
 
-/* Sums of all cuts, from the last to the first: children come after their parents. */
-static void envsamp__facing_cuts(const envsamp_kd_job *job)
-{
-    for (int i = job->tree.block_count - 2; i >= 0; i--) {
-        const envsamp__cut *cut = &job->tree.cuts[i];
-        const envsamp__facing_sum *high = envsamp__facing_of(job, cut->child[1]);
-        envsamp__facing_sum *sum = &job->facing[i];
-
-        *sum = *envsamp__facing_of(job, cut->child[0]);
-        if (!envsamp__facing_cut(job, (uint32_t)i))
-            continue;
-        sum->cut[1] = high->cut[1];
-        sum->cut[3] = high->cut[3];
-        sum->area += high->area;
-        for (int k = 0; k < 9; k++)
-            sum->moment[k] += high->moment[k];
-    }
-}
-
 /* One of the parts of a node. Its child stays a link of the tree, and is in the heap, while it
    can become a node. Parts that spread over the sphere and have much light come first. */
 static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node, int number,
@@ -4279,7 +4237,7 @@ static void envsamp__facing_fill(envsamp_kd_job *job, envsamp__facing_node *node
         part[2 * at + 1] = cut ? cut->child[0] : ENVSAMP__NO_PART;
         part[2 * at + 2] = cut ? cut->child[1] : part[at];
         if (cut) {
-            node->edge[at] = envsamp__tree_cut(job->tree.map, cut);
+            node->edge[at] = envsamp__node_cut(job->tree.map, cut->at, cut->axis);
             node->cut[at] = envsamp__with_sign(envsamp__facing_of(job, cut->child[1])
                                                ->cut[2 * cut->axis], cut->axis);
         } else if (part[at] != ENVSAMP__NO_PART) {
@@ -4291,7 +4249,8 @@ static void envsamp__facing_fill(envsamp_kd_job *job, envsamp__facing_node *node
             envsamp__facing_part(job, node, i, part[7 + i]);
 }
 
-/* Opens the part of the largest key until there are as many nodes as memory for them. */
+/* Sums all cuts; then opens the part of the largest key until there are as many nodes as memory for
+   them. */
 static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
 {
     envsamp__facing_node *node = ENVSAMP__ARRAY_OUT(envsamp__facing_node, kd, facing);
@@ -4300,7 +4259,19 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
     uint32_t size = sizeof *node / 4;
     uint32_t *words = (uint32_t *)job->base.table, *child, link = job->tree.root;
 
-    envsamp__facing_cuts(job);
+    for (int i = job->tree.block_count - 2; i >= 0; i--) {      /* children come after parents */
+        const envsamp__facing_sum *high = envsamp__facing_of(job, job->tree.cuts[i].child[1]);
+        envsamp__facing_sum *sum = &job->facing[i];
+
+        *sum = *envsamp__facing_of(job, job->tree.cuts[i].child[0]);
+        if (!envsamp__facing_cut(job, (uint32_t)i))
+            continue;
+        sum->cut[1] = high->cut[1];
+        sum->cut[3] = high->cut[3];
+        sum->area += high->area;
+        for (int k = 0; k < 9; k++)
+            sum->moment[k] += high->moment[k];
+    }
     for (heap->count = 0; envsamp__facing_cut(job, link); node++) {
         envsamp__facing_fill(job, node, link);
         if (++kd->facing_count == limit || heap->count == 0)
@@ -4524,8 +4495,7 @@ static envsamp_kd_desc envsamp__kd_filled(const envsamp_kd_desc *desc)
         filled = *desc;
     if (filled.block_count == 0)
         filled.block_count = 6144;
-    if (envsamp__is_zero(filled.importance_exponent))
-        filled.importance_exponent = 1.0f;
+    filled.importance_exponent = envsamp__or(filled.importance_exponent, 1.0f);
     return filled;
 }
 
@@ -4772,7 +4742,8 @@ ENVSAMP_DEF void envsamp_kd_free(envsamp_kd *kd) { ENVSAMP_FREE(kd); }
 
 /* ---- opening ---- */
 
-/* Whether a header describes a table with its arrays where they belong. */
+/* Whether a header describes a table with its arrays where they belong, and a model whose numbers
+   agree: then every u0 inverts to a block. */
 static int envsamp__kd_header_valid(const envsamp_kd *kd)
 {
     envsamp_kd layout;
@@ -4789,17 +4760,15 @@ static int envsamp__kd_header_valid(const envsamp_kd *kd)
         return 0;
     ENVSAMP_MEMCPY(&layout, kd, sizeof layout);
     envsamp__kd_layout(&layout);
-    return !ENVSAMP_MEMCMP(&layout, kd, sizeof layout);
-}
-
-/* A model whose numbers agree: then every u0 inverts to a block. */
-static int envsamp__kd_fit_valid(const envsamp_kd *kd)
-{
+    if (ENVSAMP_MEMCMP(&layout, kd, sizeof layout))
+        return 0;
+    if (kd->select != ENVSAMP_KD_FIT)
+        return 1;
     if (envsamp__exponent(&kd->alpha, 1) == 0x7ff || envsamp__exponent(&kd->beta, 1) == 0x7ff
         || envsamp__exponent(&kd->fit_total, 1) == 0x7ff
         || !(kd->alpha > 1e-9 && kd->alpha < 1025.0 * (double)kd->drawn_count
-          && kd->beta >= ENVSAMP__BETA_MIN && kd->beta <= ENVSAMP__BETA_MAX
-          && (kd->model == ENVSAMP_KD_POWER || kd->beta == 1.0)))
+             && kd->beta >= ENVSAMP__BETA_MIN && kd->beta <= ENVSAMP__BETA_MAX
+             && (kd->model == ENVSAMP_KD_POWER || kd->beta == 1.0)))
         return 0;
     double total = envsamp__model_mass(envsamp__model_gamma(kd->beta), kd->drawn_count / kd->alpha);
     return kd->fit_total >= total * (1.0 - 1e-9) && kd->fit_total <= total * (1.0 + 1e-9);
@@ -4885,9 +4854,7 @@ ENVSAMP_DEF envsamp_result envsamp_kd_open(const void *table, size_t bytes, cons
     envsamp_result result = envsamp__table_check(table, bytes, sizeof *header, ENVSAMP__KD_MAGIC,
                                                  ENVSAMP__KD_VERSION);
     if (result == ENVSAMP_OK
-        && (!envsamp__kd_header_valid(header)
-            || (header->select == ENVSAMP_KD_FIT && !envsamp__kd_fit_valid(header))
-            || !envsamp__kd_arrays_valid(header)))
+        && !(envsamp__kd_header_valid(header) && envsamp__kd_arrays_valid(header)))
         result = ENVSAMP_ERR_FORMAT;
     *kd = result == ENVSAMP_OK ? header : NULL;
     return result;
@@ -5835,7 +5802,9 @@ static void envsamp__cdf_plan(const envsamp_image *image, const envsamp_kd_desc 
     cdf->image_width = (uint32_t)image->width;
     cdf->image_height = (uint32_t)image->height;
     envsamp__cdf_layout(cdf);
-    envsamp__job_carve(&job->base, sizeof *job, image, desc, 1 + 2 * cdf->bilinear, arena);
+    ENVSAMP_MEMSET(job, 0, sizeof *job);
+    envsamp__take(arena, 1, sizeof *job);
+    envsamp__map_carve(&job->base.map, image, desc, 1 + 2 * cdf->bilinear, arena);
     job->weight = ENVSAMP__TAKE(double, arena, cdf->width + 7);
     job->peak = ENVSAMP__TAKE(float, arena, cdf->width + 7);
     job->row_mass = ENVSAMP__TAKE(double, arena, cdf->height + 3);
@@ -5878,18 +5847,6 @@ static double envsamp__cdf_share(double *weight, uint32_t count, uint32_t *edges
     return total[0];
 }
 
-static inline void envsamp__sqrt_double_n(double *x, int n)
-{
-    int i = 0;
-
-#ifdef ENVSAMP__SSE
-    for (; i + 2 <= n; i += 2)
-        _mm_storeu_pd(x + i, _mm_sqrt_pd(_mm_loadu_pd(x + i)));
-#endif
-    for (; i < n; i++)
-        x[i] = ENVSAMP_SQRT(x[i]);
-}
-
 /* Weights and maxima of the cells of row y, below `line`. Loops of eight are those that compilers
    vectorise. */
 static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, const float *line)
@@ -5915,7 +5872,13 @@ static void envsamp__cdf_weigh_row(envsamp_cdf_job *job, int y, const float *lin
 
             peak[x] = left > right ? left : right;
         }
-        envsamp__sqrt_double_n(weight, 8);
+#ifdef ENVSAMP__SSE
+        for (int x = 0; x < 8; x += 2)
+            _mm_storeu_pd(weight + x, _mm_sqrt_pd(_mm_loadu_pd(weight + x)));
+#else
+        for (int x = 0; x < 8; x++)
+            weight[x] = ENVSAMP_SQRT(weight[x]);
+#endif
         ENVSAMP_MEMCPY(job->weight + x0, weight, sizeof weight);
         ENVSAMP_MEMCPY(job->peak + x0, peak, sizeof peak);
     }
@@ -6871,20 +6834,6 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
  * The other methods cut the map into regions: a light is the sum of one, or of the nearest of many.
  * ========================================================================================== */
 
-/* Solid angle of a texel of each row. A difference of cosines as a product: nothing cancels. */
-static void envsamp__fill_row_sr(const envsamp_image *image, double *row_sr)
-{
-    double turn = image->mapping == ENVSAMP_LATLONG ? 1.0 : 0.5, sine, half, cosine;
-    double width = (double)image->width, height = (double)image->height;
-
-    envsamp__sincos_pi(turn * 0.5 / height, &half, &cosine);
-    for (int y = 0; y < image->height; y++) {
-        envsamp__sincos_pi(turn * ((double)y + 0.5) / height, &sine, &cosine);
-        row_sr[y] = image->mapping == ENVSAMP_OCTAHEDRAL ? 4.0 * ENVSAMP__PI / (width * height)
-                                                         : 4.0 * ENVSAMP__PI / width * half * sine;
-    }
-}
-
 static float envsamp__to_float(double value)
 {
     return value < (double)FLT_MAX ? (float)value : FLT_MAX;
@@ -6979,13 +6928,26 @@ static void envsamp__normalise(const double v[3], float dir[3])
         dir[c] = (float)(v[c] / length);
 }
 
-/* Sine and cosine of the azimuth or polar angle after every half of a column or row of texels.
-   `turns`: the range of angles, in half turns. */
-static void envsamp__fill_angles(double *angle, int texels, double turns)
+/* Solid angle of a texel of each row, a difference of cosines as a product: nothing cancels. And
+   where there are tables, sine and cosine of the azimuth after every half of a column of texels,
+   and of the polar angle after every half of a row. */
+static void envsamp__fill_angles(envsamp__lights *l)
 {
-    for (int i = 0; i <= 2 * texels; i++)
-        envsamp__sincos_pi(0.5 * turns * (double)i / (double)texels, &angle[2 * i],
-                           &angle[2 * i + 1]);
+    double turn = l->image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0, sine, half, cosine;
+    double width = (double)l->image->width, height = (double)l->image->height;
+
+    envsamp__sincos_pi(turn * 0.5 / height, &half, &cosine);
+    for (int y = 0; y < l->image->height; y++) {
+        envsamp__sincos_pi(turn * ((double)y + 0.5) / height, &sine, &cosine);
+        l->row_sr[y] = l->image->mapping == ENVSAMP_OCTAHEDRAL
+                     ? 4.0 * ENVSAMP__PI / (width * height)
+                     : 4.0 * ENVSAMP__PI / width * half * sine;
+    }
+    for (int i = 0; l->azimuth && i <= 2 * l->image->width; i++)
+        envsamp__sincos_pi((double)i / width, &l->azimuth[2 * i], &l->azimuth[2 * i + 1]);
+    for (int i = 0; l->azimuth && i <= 2 * l->image->height; i++)
+        envsamp__sincos_pi(0.5 * turn * (double)i / height, &l->polar[2 * i],
+                           &l->polar[2 * i + 1]);
 }
 
 /* Direction of a point of the map, in halves of texels. */
@@ -8073,11 +8035,6 @@ static void envsamp__balance_lights(const envsamp__lights *l, envsamp_light *lig
     }
 }
 
-static float envsamp__or(float value, float otherwise)
-{
-    return envsamp__is_zero(value) ? otherwise : value;
-}
-
 /* A description with the numbers that its zeros mean. */
 static envsamp_lights_desc envsamp__lights_filled(const envsamp_lights_desc *desc)
 {
@@ -8094,8 +8051,9 @@ static envsamp_lights_desc envsamp__lights_filled(const envsamp_lights_desc *des
     filled.refine_rounds = filled.refine_rounds ? filled.refine_rounds : 64;
     if (filled.method == ENVSAMP_LIGHTS_RELAXED && filled.count > ENVSAMP__RELAXED_MAX)
         filled.method = ENVSAMP_LIGHTS_HALFTONE;
-    if (envsamp__is_zero(filled.weight_variance) && envsamp__is_zero(filled.weight_extent)
-        && envsamp__is_zero(filled.weight_energy)) {
+    if (envsamp__in_range(filled.weight_variance, 0.0f, 0.0f)
+        && envsamp__in_range(filled.weight_extent, 0.0f, 0.0f)
+        && envsamp__in_range(filled.weight_energy, 0.0f, 0.0f)) {
         filled.weight_variance = filled.weight_energy = 1.0f;
         filled.weight_extent = 5.0f;
     }
@@ -8150,12 +8108,7 @@ static envsamp_result envsamp__lights_begin(envsamp__lights *l, const envsamp_im
     if (result != ENVSAMP_OK)
         return result;
     envsamp__lights_carve(l, image, desc, mask, &arena);
-    envsamp__fill_row_sr(image, l->row_sr);
-    if (l->azimuth) {
-        envsamp__fill_angles(l->azimuth, image->width, 2.0);
-        envsamp__fill_angles(l->polar, image->height,
-                             image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0);
-    }
+    envsamp__fill_angles(l);
     l->info.count = desc->count;
     l->info.bad_pixel_count = l->labels ? envsamp__find_emission(l)
                                         : envsamp__begin_regions(l, ENVSAMP__ANY, desc->method);
