@@ -1609,6 +1609,29 @@ static size_t envsamp__read_luminance(const float *from, int channels, int count
     return bad;
 }
 
+/* The sum of a row, and its maximum, if that is above *peak: in fours, so that one addition need not
+   wait for the last. */
+static double envsamp__sum_row(const float *luminance, int width, float *peak)
+{
+    double sum[4] = { 0.0 };
+    float most[4] = { *peak, *peak, *peak, *peak };
+    int x;
+
+    for (x = 0; x + 4 <= width; x += 4) {
+        for (int i = 0; i < 4; i++)
+            sum[i] += (double)luminance[x + i];
+        for (int i = 0; i < 4; i++)
+            most[i] = luminance[x + i] > most[i] ? luminance[x + i] : most[i];
+    }
+    for (; x < width; x++) {
+        sum[0] += (double)luminance[x];
+        most[0] = luminance[x] > most[0] ? luminance[x] : most[0];
+    }
+    for (int i = 0; i < 4; i++)
+        *peak = most[i] > *peak ? most[i] : *peak;
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
 /* ---- the map and its rows ---- */
 
 /* Part of the map, in cells. */
@@ -1670,18 +1693,26 @@ static int envsamp__is_surveyed(const envsamp_image *image, const envsamp_kd_des
         || desc->mis_compensation > 0.0f || desc->importance_exponent != 1.0f;
 }
 
-/* Importance of a luminance: what compensation leaves of it, to the power in force. The maximum
+/* Makes importance of luminance: what compensation leaves of it, to the power in force. The maximum
    stays the same, and nothing lit becomes black. */
-static inline float envsamp__importance(const envsamp__map *map, float luminance)
+static void envsamp__make_importance(const envsamp__map *map, float *luminance, int count)
 {
-    float rest = luminance > map->dim ? luminance - map->dim : 0.0f;
     double most = (double)map->brightest - (double)map->dim;
+    float dim = map->dim;
 
-    if (!(map->power > 0.0f && rest > 0.0f && (double)rest < most))
-        return rest;
-    float raised = (float)(most * envsamp__exp2((double)map->power
-                                                * envsamp__log2((double)rest / most)));
-    return raised > FLT_MIN ? raised : rest < FLT_MIN ? rest : FLT_MIN;
+    for (int x = 0; x < count; x++) {
+        uint32_t bits = envsamp__float_bits(luminance[x] - dim);
+
+        luminance[x] = envsamp__bits_float(bits & ((bits >> 31) - 1));      /* 0 if negative */
+    }
+    for (int x = 0; x < count && map->power > 0.0f; x++)
+        if (luminance[x] > 0.0f && (double)luminance[x] < most) {
+            float least = luminance[x] < FLT_MIN ? luminance[x] : FLT_MIN;
+            float raised = (float)(most * envsamp__exp2((double)map->power * envsamp__log2(
+                (double)luminance[x] / most)));
+
+            luminance[x] = raised > least ? raised : least;
+        }
 }
 
 /* Luminance of a row of texels, or their importance. */
@@ -1697,18 +1728,17 @@ static envsamp_result envsamp__read_row(envsamp__map *map, int y, float *luminan
                             + envsamp__read_luminance(row, image->channels, image->width,
                                                       luminance);
     if (map->dim > 0.0f || map->power > 0.0f)
-        for (int x = 0; x < image->width; x++)
-            luminance[x] = envsamp__importance(map, luminance[x]);
+        envsamp__make_importance(map, luminance, image->width);
     return map->desc.strict && map->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
-/* The line of knots at the upper or lower border, next to the line `inner` through row y. The four
-   corners of an octahedral map are one point. */
-static void envsamp__border_line(const envsamp__map *map, int y, int outside,
-                                 const float *inner, float *line)
+/* The line of knots at the upper or lower border, next to the line `inner`. The four corners
+   of an octahedral map are one point; `fold` has the ends of the mirrored row. */
+static void envsamp__border_line(const envsamp__map *map, int outside, const float *inner,
+                                 const float fold[2], float *line)
 {
     const envsamp_image *image = &map->image;
-    int width = image->width, mirrored = image->height - 1 - y;
+    int width = image->width;
 
     for (int x = 0; x < width; x++) {
         int wrapped_x = x, wrapped_y = outside;     /* is row y again */
@@ -1717,8 +1747,7 @@ static void envsamp__border_line(const envsamp__map *map, int y, int outside,
         line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
     }
     float corner = image->mapping != ENVSAMP_OCTAHEDRAL ? line[width]
-                 : envsamp__half(envsamp__importance(map, map->side[0][mirrored]))
-                 + envsamp__half(envsamp__importance(map, map->side[1][mirrored]));
+                 : envsamp__half(fold[0]) + envsamp__half(fold[1]);
     line[0] = line[width + 1] = envsamp__half(line[1]) + envsamp__half(corner);
 }
 
@@ -2252,16 +2281,13 @@ static envsamp_result envsamp__survey_row(envsamp__map *map, int y)
     float *luminance = map->knots;
     envsamp_result result = envsamp__read_row(map, y, luminance);
     int folds = map->bilinear && map->image.mapping == ENVSAMP_OCTAHEDRAL;
-    double sum = 0.0, whole_sr = (map->image.mapping == ENVSAMP_LATLONG ? 2.0 : 1.0)
-                               * envsamp__unit_sr((uint32_t)map->image.mapping);
+    double whole_sr = (map->image.mapping == ENVSAMP_LATLONG ? 2.0 : 1.0)
+                    * envsamp__unit_sr((uint32_t)map->image.mapping);
 
     if (result != ENVSAMP_OK)
         return result;
-    for (int x = 0; x < map->image.width; x++) {
-        sum += (double)luminance[x];
-        map->brightest = luminance[x] > map->brightest ? luminance[x] : map->brightest;
-    }
-    map->full_integral += sum * envsamp__texel_sr(map, y);
+    map->full_integral += envsamp__sum_row(luminance, map->image.width, &map->brightest)
+                        * envsamp__texel_sr(map, y);
     for (int i = 0; i < 2 && folds; i++)
         map->side[i][y] = luminance[i ? map->image.width - 1 : 0];
     if (y + 1 < map->image.height)
@@ -2450,45 +2476,31 @@ static void envsamp__add_row(envsamp__map *map, int y, envsamp__texel_row *row)
 static envsamp_result envsamp__map_line(envsamp__map *map, int y, float *line,
                                         envsamp__texel_row *row)
 {
-    const float *texel = line + map->bilinear;
+    float *luminance = line + map->bilinear;
     size_t bad = y > 0 ? map->bad_pixel_count : 0;
-    envsamp_result result = envsamp__read_row(map, y, line + map->bilinear);
-    double sum[4] = { 0.0 };            /* so that one addition need not wait for the last */
-    float peak[4];
-    int x;
+    envsamp_result result = envsamp__read_row(map, y, luminance);
 
     if (result != ENVSAMP_OK)
         return result;
-    for (int i = 0; i < 4; i++)
-        peak[i] = y > 0 ? 0.0f : map->brightest;     /* a fold mixes rows */
-    for (x = 0; x + 4 <= map->image.width; x += 4) {
-        for (int i = 0; i < 4; i++)
-            sum[i] += (double)texel[x + i];
-        for (int i = 0; i < 4; i++)
-            peak[i] = texel[x + i] > peak[i] ? texel[x + i] : peak[i];
-    }
-    for (; x < map->image.width; x++) {
-        sum[0] += (double)texel[x];
-        peak[0] = texel[x] > peak[0] ? texel[x] : peak[0];
-    }
-    for (int i = 1; i < 4; i++)
-        peak[0] = peak[i] > peak[0] ? peak[i] : peak[0];
-    row->peak = peak[0];
-    row->sum = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+    row->peak = y > 0 ? 0.0f : map->brightest;      /* a fold mixes rows */
+    row->sum = envsamp__sum_row(luminance, map->image.width, &row->peak);
     row->bad = map->bad_pixel_count - bad;
     envsamp__add_row(map, y, row);
     if (map->bilinear) {    /* knots on the seam, or between a texel and that of the mirrored row */
-        int width = map->image.width, mirrored = map->image.height - 1 - y;
-        int fold = map->image.mapping == ENVSAMP_OCTAHEDRAL;
-        float before = fold ? envsamp__importance(map, map->side[0][mirrored]) : line[width];
-        float after = fold ? envsamp__importance(map, map->side[1][mirrored]) : line[1];
+        int width = map->image.width, height = map->image.height;
+        float fold[2] = { line[width], line[1] };
 
-        line[0] = envsamp__half(line[1]) + envsamp__half(before);
-        line[width + 1] = envsamp__half(line[width]) + envsamp__half(after);
+        if (map->image.mapping == ENVSAMP_OCTAHEDRAL) {
+            fold[0] = map->side[0][height - 1 - y];
+            fold[1] = map->side[1][height - 1 - y];
+            envsamp__make_importance(map, fold, 2);
+        }
+        line[0] = envsamp__half(line[1]) + envsamp__half(fold[0]);
+        line[width + 1] = envsamp__half(line[width]) + envsamp__half(fold[1]);
         if (y == 0)
-            envsamp__border_line(map, y, -1, line, line - map->stride);
-        if (y + 1 == map->image.height)
-            envsamp__border_line(map, y, map->image.height, line, line + map->stride);
+            envsamp__border_line(map, -1, line, fold, line - map->stride);
+        if (y + 1 == height)
+            envsamp__border_line(map, height, line, fold, line + map->stride);
     }
     return ENVSAMP_OK;
 }
