@@ -1398,10 +1398,14 @@ typedef struct envsamp__table {
     uint64_t bytes;
 } envsamp__table;
 
-#define ENVSAMP__SPREAD ((uint64_t)0x9e3779b97f4a7c15)
-
 /* Four sums, each of every fourth 64-bit word, so that their multiplications overlap. */
-typedef struct envsamp__check { uint64_t lane[4], at; } envsamp__check;
+typedef struct envsamp__check { uint64_t a, b, c, d, at; } envsamp__check;
+
+static inline uint64_t envsamp__mix(uint64_t sum, uint64_t bits)
+{
+    sum = (sum ^ bits) * (uint64_t)0x9e3779b97f4a7c15;
+    return sum ^ sum >> 32;
+}
 
 /* Adds at most `most` bytes of a table, a multiple of 32, to sums that begin as zeros. Returns 0
    when all of it is in, and its checksum. Zeros complete the last four words. */
@@ -1410,11 +1414,11 @@ static int envsamp__check_add(const void *table, uint64_t most, envsamp__check *
 {
     envsamp__check sums = *s;
     envsamp__table head;
-    uint64_t bits[4], sum = 0, end;
+    uint64_t bits[4], end;
 
     ENVSAMP_MEMCPY(&head, table, sizeof head);
     if (sums.at == 0) {
-        sums.lane[0] = head.mapping;
+        sums.a = head.mapping;
         sums.at = offsetof(envsamp__table, bytes);
     }
     for (end = sums.at + most; sums.at < end && sums.at < head.bytes; sums.at += sizeof bits) {
@@ -1424,23 +1428,20 @@ static int envsamp__check_add(const void *table, uint64_t most, envsamp__check *
             ENVSAMP_MEMSET(bits, 0, sizeof bits);
             ENVSAMP_MEMCPY(bits, (const char *)table + sums.at, (size_t)(head.bytes - sums.at));
         }
-        for (int k = 0; k < 4; k++) {
-            sums.lane[k] = (sums.lane[k] ^ bits[k]) * ENVSAMP__SPREAD;
-            sums.lane[k] ^= sums.lane[k] >> 32;
-        }
+        sums.a = envsamp__mix(sums.a, bits[0]);
+        sums.b = envsamp__mix(sums.b, bits[1]);
+        sums.c = envsamp__mix(sums.c, bits[2]);
+        sums.d = envsamp__mix(sums.d, bits[3]);
     }
-    for (int k = 0; k < 4; k++) {
-        sum = (sum ^ sums.lane[k]) * ENVSAMP__SPREAD;
-        sum ^= sum >> 32;
-    }
-    *checksum = (uint32_t)sum;
+    *checksum = (uint32_t)envsamp__mix(envsamp__mix(envsamp__mix(envsamp__mix(0, sums.a), sums.b),
+                                                    sums.c), sums.d);
     *s = sums;
     return sums.at < head.bytes;
 }
 
 static uint32_t envsamp__checksum(const void *table)
 {
-    envsamp__check sums = { { 0, 0, 0, 0 }, 0 };
+    envsamp__check sums = { 0, 0, 0, 0, 0 };
     uint32_t checksum;
 
     envsamp__check_add(table, UINT64_MAX / 2, &sums, &checksum);
