@@ -3912,7 +3912,7 @@ struct envsamp_kd_job {
     envsamp__tree tree;
     int level;                      /* PYRAMID: that is made */
     int block_limit;                /* of the description, or of the cells */
-    int crown_blocks;               /* WARP: sets the size of the crown; 0: not known yet */
+    int crown_blocks;               /* as many set the size of the crown; 0: not known yet */
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
     uint32_t *order;                /* blocks of the tree as the table has them; then, by cut,
@@ -3999,25 +3999,25 @@ static void envsamp__write_pdf_nodes(const envsamp_kd_job *job, envsamp_kd *kd)
     const envsamp__tree *tree = &job->tree;
     envsamp__pdf_node *node = ENVSAMP__ARRAY_OUT(envsamp__pdf_node, kd, nodes);
     const uint32_t *number = job->order, size = sizeof *node / 4;
+    uint32_t part[7];
 
     for (int c = number[0] ? 0 : -1; c + 1 < tree->block_count; c++) {
         if (c >= 0 && !number[c])
             continue;
-        if (c >= 0)
-            node->cut[0] = envsamp__node_cut(tree->map, tree->cuts[c].at, tree->cuts[c].axis);
-        for (int i = 0; i < 4; i++) {
-            uint32_t link = c >= 0 ? tree->cuts[c].child[i >> 1] : tree->root;
-
-            if (!(link & ENVSAMP__LEAF) && !number[link]) {
-                if (!(i & 1))
-                    node->cut[1 + (i >> 1)] = envsamp__node_cut(tree->map, tree->cuts[link].at,
-                                                                tree->cuts[link].axis);
-                link = tree->cuts[link].child[i & 1];
-            }
-            node->child[i] = link & ENVSAMP__LEAF
-                           ? envsamp__float_bits(job->density[link & ~ENVSAMP__LEAF])
-                           : ENVSAMP__INNER | (kd->nodes_at / 4 + size * (number[link] - 1));
+        part[0] = c < 0 ? tree->root : (uint32_t)c;
+        for (uint32_t at = 0; at < 3; at++) {
+            part[2 * at + 1] = part[2 * at + 2] = part[at];
+            if (part[at] & ENVSAMP__LEAF || (at == 0) != (number[part[at]] > 0))
+                continue;           /* a block, or below another node */
+            const envsamp__cut *cut = &tree->cuts[part[at]];
+            node->cut[at] = envsamp__node_cut(tree->map, cut->at, cut->axis);
+            part[2 * at + 1] = cut->child[0];
+            part[2 * at + 2] = cut->child[1];
         }
+        for (int i = 0; i < 4; i++)
+            node->child[i] = part[3 + i] & ENVSAMP__LEAF
+                           ? envsamp__float_bits(job->density[part[3 + i] & ~ENVSAMP__LEAF])
+                           : ENVSAMP__INNER | (kd->nodes_at / 4 + size * (number[part[3 + i]] - 1));
         node++;
     }
 }
@@ -4461,6 +4461,8 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
         b->weight = fit_l1 ? b->whole.sum : envsamp__whole_q(b);
         if (b->weight < DBL_MIN && envsamp__rect_peak(tree->map, &b->rect, 0.0) > 0.0)
             b->weight = DBL_MIN;        /* zero would leave its light unsampled */
+        q[i] = b->weight;
+        job->order[i] = (uint32_t)i;
     }
     if (kd->select == ENVSAMP_KD_WARP) {
         for (int i = tree->block_count - 2; i >= 0; i--)    /* children come after their parents */
@@ -4469,10 +4471,6 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
         kd->tile_bits_x = (uint32_t)envsamp__crown_columns(tree, tree->tile_bits);
         kd->tile_bits_y = (uint32_t)tree->tile_bits - kd->tile_bits_x;
         return;
-    }
-    for (int i = 0; i < tree->block_count; i++) {
-        job->order[i] = (uint32_t)i;
-        q[i] = tree->blocks[i].weight;
     }
 #ifndef ENVSAMP_NO_FIT
     if (kd->select == ENVSAMP_KD_FIT) {
@@ -4562,9 +4560,8 @@ static int envsamp__kd_work(void *work, int item)
             base->result = ENVSAMP_ERR_BLACK;
         job->level = 2;
         tree->q_wanted = target > 0.0 ? map->integral * ENVSAMP_SQRT(1.0 + target) : -1.0;
-        job->crown_blocks = job->block_limit;
-        if (target > 0.0 && desc->select == ENVSAMP_KD_WARP && !desc->facing)
-            job->crown_blocks = 0;
+        job->crown_blocks = desc->select != ENVSAMP_KD_WARP ? 1
+                          : target > 0.0 && !desc->facing ? 0 : job->block_limit;
         return 0;
     case ENVSAMP__PYRAMID:
         if (job->level >= map->level_count) {
@@ -4581,9 +4578,7 @@ static int envsamp__kd_work(void *work, int item)
         return 1;
     case ENVSAMP__CROWN:
         if (item == 0)
-            envsamp__crown_begin(tree, desc->select != ENVSAMP_KD_WARP ? 0
-                                       : envsamp__most_tile_bits(job->crown_blocks),
-                                 desc->facing);
+            envsamp__crown_begin(tree, envsamp__most_tile_bits(job->crown_blocks), desc->facing);
         return envsamp__crown_step(tree);
     case ENVSAMP__TILES:
         envsamp__heap_push(&tree->heap, envsamp__search_block(tree, &tree->blocks[item]),
@@ -5429,7 +5424,7 @@ ENVSAMP_DEF void envsamp_kd_pdf_facing_n(const envsamp_kd *kd, const float norma
                                          const float *x, const float *y, const float *z,
                                          float *pdf)
 {
-    float copy[3][ENVSAMP__BATCH] = { { 0.0f } }, r[ENVSAMP__BATCH];
+    float d[3][ENVSAMP__BATCH] = { { 0.0f } }, r[ENVSAMP__BATCH];
     uint64_t place[ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
     envsamp__facing_cache cache;
@@ -5442,24 +5437,22 @@ ENVSAMP_DEF void envsamp_kd_pdf_facing_n(const envsamp_kd *kd, const float norma
     for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
         int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
         size_t bytes = (size_t)count * sizeof(float);
-        const float *a = x + start, *b = y + start, *c = z + start;
 
-        if (count < ENVSAMP__BATCH) {
-            a = (const float *)ENVSAMP_MEMCPY(copy[0], a, bytes);
-            b = (const float *)ENVSAMP_MEMCPY(copy[1], b, bytes);
-            c = (const float *)ENVSAMP_MEMCPY(copy[2], c, bytes);
-        }
+        ENVSAMP_MEMCPY(d[0], x + start, bytes);
+        ENVSAMP_MEMCPY(d[1], y + start, bytes);
+        ENVSAMP_MEMCPY(d[2], z + start, bytes);
         for (int i = 0; i < ENVSAMP__BATCH; i++)
-            r[i] = a[i] * a[i] + b[i] * b[i];
+            r[i] = d[0][i] * d[0][i] + d[1][i] * d[1][i];
         envsamp__sqrt_n(r, ENVSAMP__BATCH);
         for (int i = 0; i < ENVSAMP__BATCH && octahedral; i++)
-            link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, a[i], b[i],
-                                                                  c[i], r[i]), &place[i]);
+            link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, d[0][i],
+                                                                  d[1][i], d[2][i], r[i]),
+                                         &place[i]);
         for (int i = 0; i < ENVSAMP__BATCH && !octahedral; i++) {
-            envsamp__l1_coords d = envsamp__to_l1_coords(a[i], b[i], c[i], r[i]);
+            envsamp__l1_coords at = envsamp__to_l1_coords(d[0][i], d[1][i], d[2][i], r[i]);
 
-            d.valid &= d.polar <= end;
-            link[i] = envsamp__grid_link(kd, d, &place[i]);
+            at.valid &= at.polar <= end;
+            link[i] = envsamp__grid_link(kd, at, &place[i]);
         }
         envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
         for (int i = 0; i < count && facing; i++)
