@@ -2053,28 +2053,45 @@ ENVSAMP__HOT envsamp_sample envsamp__point_sample(uint32_t mapping, envsamp__poi
     return s;
 }
 
-/* Directions of n points of a batch. */
-ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *at, float *x, float *y,
-                                      float *z)
+/* Points and densities of a batch are all x, all north, all south, all densities; before, of WARP,
+   the cuts that bound their blocks. */
+ENVSAMP__HOT void envsamp__batch_put(float *batch, int i, envsamp__point p, float pdf)
 {
-    const float *px = at, *north = at + ENVSAMP__BATCH, *south = at + 2 * ENVSAMP__BATCH;
-    float turn[ENVSAMP__BATCH], sine[ENVSAMP__BATCH];
+    batch[i] = p.x;
+    batch[ENVSAMP__BATCH + i] = p.north;
+    batch[2 * ENVSAMP__BATCH + i] = p.south;
+    batch[3 * ENVSAMP__BATCH + i] = pdf;
+}
 
-    for (int i = 0; i < n; i++)
-        turn[i] = envsamp__clamp_unit(px[i]);
+/* Directions and densities of the first `count` of a batch. Those of some multiple of 16, so that
+   compilers vectorise. */
+static void envsamp__batch_out(uint32_t mapping, int count, const float *batch, float *x, float *y,
+                               float *z, float *pdf)
+{
+    const float *north = batch + ENVSAMP__BATCH, *south = batch + 2 * ENVSAMP__BATCH;
+    float turn[ENVSAMP__BATCH], sine[ENVSAMP__BATCH], dir[3][ENVSAMP__BATCH];
+    size_t bytes = (size_t)count * sizeof(float);
+    int n = (count + 15) & 0x70;
+
+    for (int i = 0; i < n; i++) {
+        turn[i] = envsamp__clamp_unit(batch[i]);
+        sine[i] = ENVSAMP_FABSF(north[i] * south[i]);   /* below 0 by rounding with -ffast-math */
+    }
     if (mapping == ENVSAMP_OCTAHEDRAL) {
         for (int i = 0; i < n; i++)
-            envsamp__octahedral_dir(turn[i], north[i], &x[i], &y[i], &z[i]);
-        return;
-    }
-    for (int i = 0; i < n; i++)
-        sine[i] = ENVSAMP_FABSF(north[i] * south[i]);   /* below 0 by rounding with -ffast-math */
-    envsamp__sqrt_n(sine, n);
-    for (int i = 0; i < n; i++) {
-        envsamp__point p = { turn[i], north[i], south[i] };
+            envsamp__octahedral_dir(turn[i], north[i], &dir[0][i], &dir[1][i], &dir[2][i]);
+    } else {
+        envsamp__sqrt_n(sine, n);
+        for (int i = 0; i < n; i++) {
+            envsamp__point p = { turn[i], north[i], south[i] };
 
-        envsamp__point_dir(p, sine[i], &x[i], &y[i], &z[i]);
+            envsamp__point_dir(p, sine[i], &dir[0][i], &dir[1][i], &dir[2][i]);
+        }
     }
+    ENVSAMP_MEMCPY(x, dir[0], bytes);
+    ENVSAMP_MEMCPY(y, dir[1], bytes);
+    ENVSAMP_MEMCPY(z, dir[2], bytes);
+    ENVSAMP_MEMCPY(pdf, batch + 3 * ENVSAMP__BATCH, bytes);
 }
 
 /* ---- coordinates of density ---- */
@@ -4168,23 +4185,25 @@ static void envsamp__facing_block(const envsamp_kd *kd, const float cut[4], cons
     static const float weight[3] = { 0.277777778f, 0.444444444f, 0.277777778f };
     const uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
     const uint32_t at[2] = { tile & ((1u << bits[0]) - 1), tile >> bits[0] };
+    float batch[4 * ENVSAMP__BATCH] = { 0.0f }, dir[3][9], w[9];
 
     ENVSAMP_MEMSET(sum, 0, sizeof *sum);
     for (int i = 0; i < 4; i++)
         sum->cut[i] = ((float)at[i / 2] + cut[i]) / (float)(1u << bits[i / 2]);
     sum->area = (sum->cut[1] - sum->cut[0]) * (sum->cut[3] - sum->cut[2]);
-    for (int i = 0; i < 9 && sum->area > 0.0f; i++) {
-        envsamp__point p = envsamp__between(edge[0], edge[1], place[i % 3], edge[2], edge[3],
-                                            place[i / 3]);
-        envsamp_sample s = envsamp__point_sample(kd->mapping, p, 0.0f);
-        float w = sum->area * weight[i % 3] * weight[i / 3];
-
+    if (!(sum->area > 0.0f))
+        return;
+    for (int i = 0; i < 9; i++)
+        envsamp__batch_put(batch, i, envsamp__between(edge[0], edge[1], place[i % 3], edge[2],
+                                                      edge[3], place[i / 3]),
+                           sum->area * weight[i % 3] * weight[i / 3]);
+    envsamp__batch_out(kd->mapping, 9, batch, dir[0], dir[1], dir[2], w);
+    for (int i = 0; i < 9; i++)
         for (int k = 0; k < 3; k++) {
-            sum->moment[k] += w * s.dir[k];
-            sum->moment[3 + k] += w * s.dir[k] * s.dir[k];
-            sum->moment[6 + k] += w * s.dir[k == 2] * s.dir[k == 0 ? 1 : 2];
+            sum->moment[k] += w[i] * dir[k][i];
+            sum->moment[3 + k] += w[i] * dir[k][i] * dir[k][i];
+            sum->moment[6 + k] += w[i] * dir[k == 2][i] * dir[k == 0 ? 1 : 2][i];
         }
-    }
 }
 
 /* The cut that a link leads to; NULL for a block, and where the table has one block for both sides,
@@ -5283,31 +5302,6 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf_facing(const envsamp_kd *kd,
 }
 
 /* ---- many at a time ---- */
-
-/* Points and densities of a batch are all x, all north, all south, all densities; before, of WARP,
-   the cuts that bound their blocks. */
-ENVSAMP__HOT void envsamp__batch_put(float *batch, int i, envsamp__point p, float pdf)
-{
-    batch[i] = p.x;
-    batch[ENVSAMP__BATCH + i] = p.north;
-    batch[2 * ENVSAMP__BATCH + i] = p.south;
-    batch[3 * ENVSAMP__BATCH + i] = pdf;
-}
-
-/* Directions and densities of the first `count` of a batch. Those of some multiple of 16, so that
-   compilers vectorise. */
-static void envsamp__batch_out(uint32_t mapping, int count, const float *batch, float *x, float *y,
-                               float *z, float *pdf)
-{
-    float dir[3][ENVSAMP__BATCH];
-    size_t bytes = (size_t)count * sizeof(float);
-
-    envsamp__point_dirs(mapping, (count + 15) & 0x70, batch, dir[0], dir[1], dir[2]);
-    ENVSAMP_MEMCPY(x, dir[0], bytes);
-    ENVSAMP_MEMCPY(y, dir[1], bytes);
-    ENVSAMP_MEMCPY(z, dir[2], bytes);
-    ENVSAMP_MEMCPY(pdf, batch + 3 * ENVSAMP__BATCH, bytes);
-}
 
 /* Follows the links of a batch to their densities, one step of each that is still under way at a
    time: down the nodes at its place, or, if `place` is NULL, down the cuts, as warp_step. */
