@@ -5663,11 +5663,13 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
     else
         pdf = envsamp__bits_float(envsamp__enter_tile(kd, number, cut, edge, 1));
     double sr = envsamp__max(envsamp__edges_sr(kd->mapping, edge), 0.0);    /* of a damaged table */
-    envsamp__polar_pair top = envsamp__edge_pair(edge[2]), end = envsamp__edge_pair(edge[3]);
-    block->uv_min[0] = edge[0];
-    block->uv_min[1] = envsamp__polar_v(kd->mapping, top.north, top.south);
-    block->uv_max[0] = edge[1];
-    block->uv_max[1] = envsamp__polar_v(kd->mapping, end.north, end.south);
+    for (int i = 0; i < 2; i++) {
+        float *uv = i ? block->uv_max : block->uv_min;
+        envsamp__polar_pair row = envsamp__edge_pair(edge[2 + i]);
+
+        uv[0] = edge[i];
+        uv[1] = envsamp__polar_v(kd->mapping, row.north, row.south);
+    }
     if (block->uv_min[1] >= block->uv_max[1]) {     /* thinner than v in floats tells */
         block->uv_min[1] = envsamp__clamp_unit(block->uv_min[1]);
         block->uv_max[1] = envsamp__bits_float(envsamp__float_bits(block->uv_min[1]) + 1);
