@@ -4132,12 +4132,13 @@ static void envsamp__add_cost(envsamp_kd_job *job, const envsamp__block *b, doub
 
 /* Writes the cut of a subtree and sets its two sides. It divides the units of 2^-24 in
    proportion to Q but for rounding: a lit side gets one at least, a black one none. Where there are
-   too few, it becomes one block: returns 0, and both sides are the subtree itself. */
-static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
-                              const envsamp__subtree *p, envsamp__sample_node *node,
-                              envsamp__subtree *low, envsamp__subtree *high)
+   too few, it becomes one block, and both sides are the subtree itself. */
+static void envsamp__write_cut(envsamp_kd_job *job, envsamp_kd *kd, const envsamp__subtree *p,
+                               envsamp__subtree *low, envsamp__subtree *high)
 {
     const envsamp__cut *cut = &job->tree.cuts[p->link];
+    envsamp__record *tiles_end = ENVSAMP__RECORDS_OUT(kd) + envsamp__tile_count(kd);
+    envsamp__sample_node *node = (envsamp__sample_node *)(void *)tiles_end + job->cut_count;
     int axis = cut->axis;
     float side = (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
     uint32_t units = (uint32_t)((p->cut[2 * axis + 1] - p->cut[2 * axis]) * side);
@@ -4149,7 +4150,7 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
     high->link = cut->child[1];
     if (p->is_merged || (low_q > 0.0 && high_q > 0.0 && units < 2)) {
         low->is_merged = high->is_merged = 1;
-        return 0;
+        return;
     }
     double share = low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5;
     uint32_t cut_at = (uint32_t)(share * (double)units + 0.5);
@@ -4159,9 +4160,9 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
     node->edge = envsamp__stored_edge(job->tree.map, cut->at, axis);
     envsamp__take_side(node, 0, low->cut, low->edge, 1);
     envsamp__take_side(node, 1, high->cut, high->edge, 1);
+    *p->child = envsamp__cut_link(kd, job->cut_count++);
     low->child = &node->child[0];
     high->child = &node->child[1];
-    return 1;
 }
 
 /* ---- writing `facing` ---- */
@@ -4177,19 +4178,20 @@ static envsamp__facing_sum *envsamp__facing_of(const envsamp_kd_job *job, uint32
                                                + (link & ~ENVSAMP__LEAF) : link];
 }
 
-/* Sums of a block of a tile: by three points each way, Gauss's. cut, edge: as a subtree's. */
-static void envsamp__facing_block(const envsamp_kd *kd, const float cut[4], const float edge[4],
+/* Sums of a block of a tile: by three points each way, Gauss's. */
+static void envsamp__facing_block(const envsamp_kd *kd, const envsamp__subtree *block,
                                   uint32_t tile, envsamp__facing_sum *sum)
 {
     static const float place[3] = { 0.112701665f, 0.5f, 0.887298335f };
     static const float weight[3] = { 0.277777778f, 0.444444444f, 0.277777778f };
     const uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
     const uint32_t at[2] = { tile & ((1u << bits[0]) - 1), tile >> bits[0] };
+    const float *edge = block->edge;
     float batch[4 * ENVSAMP__BATCH] = { 0.0f }, dir[3][9], w[9];
 
     ENVSAMP_MEMSET(sum, 0, sizeof *sum);
     for (int i = 0; i < 4; i++)
-        sum->cut[i] = ((float)at[i / 2] + cut[i]) / (float)(1u << bits[i / 2]);
+        sum->cut[i] = ((float)at[i / 2] + block->cut[i]) / (float)(1u << bits[i / 2]);
     sum->area = (sum->cut[1] - sum->cut[0]) * (sum->cut[3] - sum->cut[2]);
     if (!(sum->area > 0.0f))
         return;
@@ -4308,62 +4310,45 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
     envsamp__kd_layout(kd);
 }
 
-/* A tile as a subtree, but for where its link goes: the way down the crown. */
-static envsamp__subtree envsamp__find_tile(const envsamp__tree *tree, const envsamp_kd *kd,
-                                           uint32_t i)
+/* Tile i, and all below it. The density of a block is the area of its place in the unit square over
+   its solid angle. */
+static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
 {
+    const envsamp__tree *tree = &job->tree;
+    envsamp__record *tile = ENVSAMP__RECORDS_OUT(kd) + i;
+    envsamp__subtree *stack = job->subtrees;
     envsamp__subtree p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 0, NULL, 0 };
     uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
     const uint32_t at[2] = { i & ((1u << bits[0]) - 1), i >> bits[0] };
 
     p.link = tree->root;
+    p.child = &tile->link;
     if (kd->mapping == ENVSAMP_LATLONG)
         p.edge[3] = -0.0f;
-    for (int level = 0; level < tree->tile_bits; level++) {
+    for (int level = 0; level < tree->tile_bits; level++) {     /* down the crown */
         const envsamp__cut *cut = &tree->cuts[p.link];
         uint32_t high = at[cut->axis] >> --bits[cut->axis] & 1;
 
         p.edge[2 * cut->axis + !high] = envsamp__stored_edge(tree->map, cut->at, cut->axis);
         p.link = cut->child[high];
     }
-    return p;
-}
-
-/* Tile i, and all below it. The density of a block is the area of its place in the unit square over
-   its solid angle. */
-static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
-{
-    envsamp__record *tile = ENVSAMP__RECORDS_OUT(kd) + i;
-    envsamp__subtree *stack = job->subtrees;
-    int top = 1;
-
-    stack[0] = envsamp__find_tile(&job->tree, kd, i);
-    stack[0].child = &tile->link;
-    ENVSAMP_MEMCPY(tile->edge, stack[0].edge, sizeof tile->edge);
-    while (top > 0) {
-        envsamp__subtree subtree = stack[--top];
-        uint32_t next = envsamp__cut_link(kd, job->cut_count);
-        uint32_t block = subtree.link & ~ENVSAMP__LEAF;
-
-        if (subtree.link & ENVSAMP__LEAF) {
-            double sr = envsamp__edges_sr(kd->mapping, subtree.edge);
-            float pdf = (float)envsamp__max(envsamp__region_area(kd, subtree.cut) / sr, 0.0);
-
-            *subtree.child = envsamp__float_bits(pdf);
-            job->density[block] = pdf;
-            if (job->facing)
-                envsamp__facing_block(kd, subtree.cut, subtree.edge, i,
-                                      envsamp__facing_of(job, subtree.link));
-            envsamp__add_cost(job, &job->tree.blocks[block], (double)pdf);
+    ENVSAMP_MEMCPY(tile->edge, p.edge, sizeof tile->edge);
+    stack[0] = p;
+    for (int top = 0; top >= 0;) {
+        p = stack[top--];
+        if (!(p.link & ENVSAMP__LEAF)) {
+            envsamp__write_cut(job, kd, &p, &stack[top + 2], &stack[top + 1]);
+            top += 2;
             continue;
         }
-        if (envsamp__write_cut(job, kd, &subtree, (envsamp__sample_node *)(void *)
-                               ((char *)kd + 4 * (size_t)(next & ~ENVSAMP__INNER)),
-                               &stack[top + 1], &stack[top])) {
-            *subtree.child = next;
-            job->cut_count++;
-        }
-        top += 2;
+        uint32_t block = p.link & ~ENVSAMP__LEAF;
+        double sr = envsamp__edges_sr(kd->mapping, p.edge);
+        float pdf = (float)envsamp__max(envsamp__region_area(kd, p.cut) / sr, 0.0);
+        *p.child = envsamp__float_bits(pdf);
+        job->density[block] = pdf;
+        envsamp__add_cost(job, &tree->blocks[block], (double)pdf);
+        if (job->facing)
+            envsamp__facing_block(kd, &p, i, envsamp__facing_of(job, p.link));
     }
 }
 
@@ -5481,22 +5466,20 @@ ENVSAMP__MATH float envsamp__invert_between(uint32_t tile, uint32_t bits, const 
 /* The way down the nodes, one cut at a time: a link to a node, and which of its cuts. */
 typedef struct envsamp__descent { uint32_t link, cut; } envsamp__descent;
 
-/* Which side of the next cut a place is on. */
-ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, envsamp__descent *d,
-                                        int *axis)
+/* Which side of the next cut a place is on: 2 x its axis + whether it is the higher one. */
+ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, envsamp__descent *d)
 {
-    *axis = 0;
     if (!(d->link & ENVSAMP__INNER))        /* of a damaged table */
         return 0;
     const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, d->link);
-    uint32_t high = envsamp__is_high(node->cut[d->cut], place);
-    *axis = envsamp__sign(node->cut[d->cut]);
+    float cut = node->cut[d->cut];
+    uint32_t high = envsamp__is_high(cut, place);
     d->cut = 2 * d->cut + 1 + high;
     if (d->cut > 2) {
         d->link = node->child[d->cut - 3];
         d->cut = 0;
     }
-    return high;
+    return 2 * (uint32_t)envsamp__sign(cut) + high;
 }
 
 /* envsamp_kd_invert, and the place of the direction. Both trees of the table divide the map alike:
@@ -5507,7 +5490,6 @@ ENVSAMP_DEVICE static int envsamp__invert(const envsamp_kd *kd, const float dir[
     uint32_t tile[2] = { 0, 0 }, link;
     envsamp__descent down;
     float cut[4], edge[4];
-    int axis;
 
     u[0] = u[1] = 0.0f;
     envsamp__l1_coords d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1] + 0.0f, dir[2],
@@ -5518,16 +5500,16 @@ ENVSAMP_DEVICE static int envsamp__invert(const envsamp_kd *kd, const float dir[
     down.link = ENVSAMP__INNER | kd->nodes_at / 4;
     down.cut = envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]) ? 0 : 2;
     for (uint32_t level = kd->tile_bits_x + kd->tile_bits_y; level > 0; level--) {
-        uint32_t high = envsamp__descend(kd, *place, &down, &axis);
+        uint32_t side = envsamp__descend(kd, *place, &down);
 
-        tile[axis] = 2 * tile[axis] + high;
+        tile[side >> 1] = 2 * tile[side >> 1] + (side & 1);
     }
     tile[0] &= (1u << kd->tile_bits_x) - 1;             /* of a damaged table, anything */
     tile[1] &= (1u << kd->tile_bits_y) - 1;
     link = envsamp__enter_tile(kd, (int)((tile[1] << kd->tile_bits_x) + tile[0]), cut, edge, 1);
     while (link & ENVSAMP__INNER)
         link = envsamp__take_side(ENVSAMP__LINKED(envsamp__sample_node, kd, link),
-                                  envsamp__descend(kd, *place, &down, &axis), cut, edge, 1);
+                                  envsamp__descend(kd, *place, &down) & 1, cut, edge, 1);
     if (!link || !envsamp__edges_valid(kd->mapping, edge))     /* not so in a damaged table */
         return 0;
     envsamp__exact e = envsamp__dir_exact(kd->mapping, dir);
