@@ -3535,42 +3535,33 @@ static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best
     }
 }
 
-/* Scans log2 alpha at one beta for local minima and keeps the best ENVSAMP__FIT_STARTS. */
-static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
-                              envsamp__fit_point *starts)
-{
-    envsamp__fit_point last = { DBL_MAX, { 0.0, 0.0 } }, next = { 0.0, { 0.0, 0.0 } };
-    double before = DBL_MAX;
-    int k;
-
-    next.param[1] = beta;
-    for (int i = 0; next.cost < DBL_MAX; i++) {
-        next.param[0] = ENVSAMP__LOG2_ALPHA_MIN + step * (double)i;
-        next.cost = envsamp__fit_cost(fit, next.param, NULL);
-        if (i > 0 && last.cost <= before && last.cost <= next.cost
-            && last.cost < starts[ENVSAMP__FIT_STARTS - 1].cost) {
-            for (k = ENVSAMP__FIT_STARTS - 1; k > 0 && starts[k - 1].cost > last.cost; k--)
-                starts[k] = starts[k - 1];
-            starts[k] = last;
-        }
-        before = last.cost;
-        last = next;
-    }
-}
-
 /* The global minimum: the objective has several local ones in alpha, and a wrong one costs up to
-   50 in excess variance. */
+   50 in excess variance. Scans log2 alpha at some betas and starts from the best local minima. */
 static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
 {
     const double betas[] = { 1.0, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0 };
-    int scans = fit->model == ENVSAMP_KD_LOG ? 1 : (int)(sizeof betas / sizeof betas[0]);
+    const envsamp__fit_point worst = { DBL_MAX, { 0.0, 0.0 } };
+    int scans = fit->model == ENVSAMP_KD_LOG ? 1 : (int)(sizeof betas / sizeof betas[0]), k;
     double step = fit->model == ENVSAMP_KD_LOG ? 0.25 : 1.0;
-    envsamp__fit_point starts[ENVSAMP__FIT_STARTS];
+    envsamp__fit_point starts[ENVSAMP__FIT_STARTS + 1];     /* and one that is not kept */
 
     for (int i = 0; i < ENVSAMP__FIT_STARTS; i++)
-        starts[i].cost = DBL_MAX;
-    for (int i = 0; i < scans; i++)
-        envsamp__fit_scan(fit, betas[i], step, starts);
+        starts[i] = worst;
+    for (int scan = 0; scan < scans; scan++) {
+        envsamp__fit_point before = worst, last = worst, next = { 0.0, { 0.0, betas[scan] } };
+
+        for (int i = 0; next.cost < DBL_MAX; i++) {
+            next.param[0] = ENVSAMP__LOG2_ALPHA_MIN + step * (double)i;
+            next.cost = envsamp__fit_cost(fit, next.param, NULL);
+            if (i > 0 && last.cost <= before.cost && last.cost <= next.cost) {
+                for (k = ENVSAMP__FIT_STARTS; k > 0 && starts[k - 1].cost > last.cost; k--)
+                    starts[k] = starts[k - 1];
+                starts[k] = last;
+            }
+            before = last;
+            last = next;
+        }
+    }
     envsamp__fit_point best = starts[0];
     for (int i = 0; i < ENVSAMP__FIT_STARTS && starts[i].cost < DBL_MAX; i++) {
         envsamp__fit_polish(fit, &starts[i]);
@@ -5206,19 +5197,15 @@ ENVSAMP__HOT void envsamp__facing_step(const envsamp_kd *kd, const float n[9],
 }
 
 /* The numbers with which light alone draws there. Returns what multiplies its density. */
-ENVSAMP__HOT float envsamp__facing_end(const envsamp__facing_walk *walk, float *u0, float *u1)
+ENVSAMP__HOT float envsamp__facing_end(const envsamp__facing_walk *walk, float *f, size_t stride)
 {
-    float f[2];
-
-    for (int axis = 0; axis < 2; axis++) {
+    for (size_t axis = 0; axis < 2; axis++) {
         float low = walk->bound[2 * axis], high = walk->bound[2 * axis + 1];
+        float at = envsamp__at_most(low + walk->f[axis] * (high - low),
+                                    envsamp__bits_float(envsamp__float_bits(high) - 1));
 
-        f[axis] = envsamp__at_most(low + walk->f[axis] * (high - low),
-                                   envsamp__bits_float(envsamp__float_bits(high) - 1));
-        f[axis] = envsamp__clamp_unit(f[axis]);         /* of a damaged table, anything */
+        f[axis * stride] = envsamp__clamp_unit(at);     /* of a damaged table, anything */
     }
-    *u0 = f[0];
-    *u1 = f[1];
     return envsamp__saturate(walk->ratio) * envsamp__bits_float(walk->link);
 }
 
@@ -5231,7 +5218,7 @@ ENVSAMP__HOT float envsamp__facing_warp(const envsamp_kd *kd, const float n[9], 
     do {
         envsamp__facing_step(kd, n, NULL, &walk);
     } while (walk.link & ENVSAMP__INNER);
-    return envsamp__facing_end(&walk, &f[0], &f[1]);
+    return envsamp__facing_end(&walk, f, 1);
 }
 
 /* The density at a place where that of light alone is `pdf`. */
@@ -5352,7 +5339,7 @@ static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *c
                 link |= walk[i].link;
             }
     for (uint32_t i = 0; i < count; i++)
-        ratio[i] = envsamp__facing_end(&walk[i], &f[i], &f[ENVSAMP__BATCH + i]);
+        ratio[i] = envsamp__facing_end(&walk[i], f + i, ENVSAMP__BATCH);
 }
 
 /* Loops are over a whole batch, filled up with whatever there is: compilers vectorise them. */
@@ -5603,22 +5590,17 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_
    is the first on the higher side of a cut. */
 static void envsamp__warp_block(const envsamp_kd *kd, uint32_t number, float *cut, float *edge)
 {
-    uint32_t tile = 0, past = envsamp__tile_count(kd), target = 0, next;
+    const envsamp__record *record = ENVSAMP__RECORDS(kd);
+    uint32_t tiles = envsamp__tile_count(kd), tile = number < tiles ? number : 0, target = 0;
 
-    if (number < past) {
-        tile = number;
-    } else {                            /* the last tile with a link to the cut or one before */
-        target = envsamp__cut_link(kd, number - past);
-        while (past - tile > 1) {
-            uint32_t middle = tile + (past - tile) / 2;
+    if (number >= tiles) {              /* the last tile with a link to the cut or one before */
+        target = envsamp__cut_link(kd, number - tiles);
+        for (uint32_t step = tiles / 2; step > 0; step /= 2) {
+            uint32_t next = tile + step;
 
-            for (next = middle; next < past; next++)
-                if (ENVSAMP__RECORDS(kd)[next].link & ENVSAMP__INNER)
-                    break;
-            if (next < past && ENVSAMP__RECORDS(kd)[next].link <= target)
-                tile = next;
-            else
-                past = middle;
+            while (next < tiles && !(record[next].link & ENVSAMP__INNER))
+                next++;
+            tile += next < tiles && record[next].link <= target ? step : 0;
         }
     }
     uint32_t link = envsamp__enter_tile(kd, (int)tile, cut, edge, 1);
