@@ -3924,14 +3924,14 @@ struct envsamp_kd_job {
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
     uint32_t *order;                /* blocks of the tree as the table has them; then, by cut,
-                                       numbers of nodes */
+                                       numbers of nodes; then places of links to it in `facing` */
     float *density;                 /* of each block of the tree */
     uint32_t *draws, *stack;        /* ALIAS */
     envsamp_buffer lm_scratch;
     double second;                  /* moment of L / pdf of what is written */
     envsamp__subtree *subtrees;     /* WARP: a stack of ENVSAMP__WARP_DEPTH + 2 */
     uint32_t cut_count;             /* WARP: written */
-    envsamp__facing_sum *facing;    /* of each cut, then of each block; or NULL */
+    envsamp__facing_sum *facing;    /* of each cut, at even places, and each block; or NULL */
 };
 
 /* Puts a job's arrays into a buffer that begins with the job. */
@@ -4165,8 +4165,7 @@ static void envsamp__write_cut(envsamp_kd_job *job, envsamp_kd *kd, const envsam
 
 static envsamp__facing_sum *envsamp__facing_of(const envsamp_kd_job *job, uint32_t link)
 {
-    return &job->facing[link & ENVSAMP__LEAF ? (uint32_t)job->block_limit
-                                               + (link & ~ENVSAMP__LEAF) : link];
+    return &job->facing[link << 1 | link >> 31];
 }
 
 /* Sums of a block of a tile: by three points each way, Gauss's. */
@@ -4210,8 +4209,8 @@ static const envsamp__cut *envsamp__facing_cut(const envsamp_kd_job *job, uint32
          ? cut : NULL;
 }
 
-/* One of the parts of a node. Its child stays a link of the tree, and is in the heap, while it
-   can become a node. Parts that spread over the sphere and have much light come first. */
+/* One of the parts of a node. In the heap, while it can become a node, parts that spread over the
+   sphere and have much light come first. */
 static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node, int number,
                                  uint32_t link)
 {
@@ -4231,9 +4230,9 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
     float spread = bright - (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
     *child = envsamp__float_bits(area > 0.0f ? 1.0f / area : 0.0f);
     if (envsamp__facing_cut(job, link) && spread > 0.0f) {
-        *child = link;
-        envsamp__heap_push(&job->tree.heap, (double)(spread / bright * ENVSAMP_SQRTF(area)),
-                           (uint32_t)(child - (uint32_t *)job->base.table), 0);
+        job->order[link] = (uint32_t)(child - (uint32_t *)job->base.table);
+        envsamp__heap_push(&job->tree.heap, (double)(spread / bright * ENVSAMP_SQRTF(area)), link,
+                           0);
     }
 }
 
@@ -4268,12 +4267,11 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
     envsamp__facing_node *node = ENVSAMP__ARRAY_OUT(envsamp__facing_node, kd, facing);
     envsamp__heap *heap = &job->tree.heap;
     uint32_t limit = 1 + (uint32_t)job->tree.block_count / ENVSAMP__BLOCKS_PER_FACING;
-    uint32_t size = sizeof *node / 4;
-    uint32_t *words = (uint32_t *)job->base.table, *child, link = job->tree.root;
+    uint32_t *words = (uint32_t *)job->base.table, size = sizeof *node / 4, link = job->tree.root;
 
     for (int i = job->tree.block_count - 2; i >= 0; i--) {      /* children come after parents */
         const envsamp__facing_sum *high = envsamp__facing_of(job, job->tree.cuts[i].child[1]);
-        envsamp__facing_sum *sum = &job->facing[i];
+        envsamp__facing_sum *sum = envsamp__facing_of(job, (uint32_t)i);
 
         *sum = *envsamp__facing_of(job, job->tree.cuts[i].child[0]);
         if (!envsamp__facing_cut(job, (uint32_t)i))
@@ -4288,15 +4286,10 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
         envsamp__facing_fill(job, node, link);
         if (++kd->facing_count == limit || heap->count == 0)
             break;
-        child = words + heap->entries[0].item;
+        link = heap->entries[0].item;
         heap->entries[0] = heap->entries[--heap->count];
         envsamp__heap_settle(heap);
-        link = *child;
-        *child = ENVSAMP__INNER | (kd->facing_at / 4 + size * kd->facing_count);
-    }
-    while (heap->count > 0) {
-        child = words + heap->entries[--heap->count].item;
-        *child = envsamp__float_bits(1.0f / envsamp__facing_of(job, *child)->area);
+        words[job->order[link]] = ENVSAMP__INNER | (kd->facing_at / 4 + size * kd->facing_count);
     }
     envsamp__kd_layout(kd);
 }
