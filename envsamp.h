@@ -3752,9 +3752,8 @@ typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 192 ? 1 : -1];
     ((type *)(void *)((char *)(table) + (table)->name##_at))
 
 /* The records, which follow the header, and what a link leads to. */
-#define ENVSAMP__RECORDS(kd) \
-    ((const envsamp__record *)(const void *)((const char *)(kd) + sizeof(envsamp_kd)))
-#define ENVSAMP__RECORDS_OUT(kd) ((envsamp__record *)(void *)((char *)(kd) + sizeof(envsamp_kd)))
+#define ENVSAMP__RECORDS(kd) ((const envsamp__record *)(const void *)((kd) + 1))
+#define ENVSAMP__RECORDS_OUT(kd) ((envsamp__record *)(void *)((kd) + 1))
 #define ENVSAMP__LINKED(type, kd, link) ((const type *)(const void *) \
     ((const char *)(kd) + 4 * (size_t)((link) & ~ENVSAMP__INNER)))
 
@@ -4376,19 +4375,17 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
 
 #endif  /* ENVSAMP_NO_FIT */
 
-/* ALIAS and FIT: edges and density of block i in the order of the table. */
-static void envsamp__write_block(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
+/* ALIAS and FIT: edges and density of a block, by its place in the table. */
+static void envsamp__write_block(envsamp_kd_job *job, envsamp_kd *kd, uint32_t item)
 {
-    const envsamp__map *map = &job->base.map;
-    envsamp__record *record = ENVSAMP__RECORDS_OUT(kd) + i;
-    uint32_t number = job->order[i];
+    envsamp__record *record = ENVSAMP__RECORDS_OUT(kd) + item;
+    uint32_t number = job->order[item];
     const envsamp__block *b = &job->tree.blocks[number];
+    const double at[4] = { b->rect.x0, b->rect.x1, b->rect.y0, b->rect.y1 };
     double probability = job->probability[number], pdf = 0.0;
 
-    record->edge[0] = envsamp__stored_edge(map, b->rect.x0, 0);
-    record->edge[1] = envsamp__stored_edge(map, b->rect.x1, 0);
-    record->edge[2] = envsamp__stored_edge(map, b->rect.y0, 1);
-    record->edge[3] = envsamp__stored_edge(map, b->rect.y1, 1);
+    for (int i = 0; i < 4; i++)
+        record->edge[i] = envsamp__stored_edge(&job->base.map, at[i], i / 2);
     if (probability > 0.0)              /* lit, though a steep fit gives it next to nothing */
         pdf = envsamp__max(probability / envsamp__edges_sr(kd->mapping, record->edge),
                            (double)FLT_MIN);
