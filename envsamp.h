@@ -5427,19 +5427,6 @@ ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x
 
 /* ---- inverse ---- */
 
-/* Where between two cuts of the unit square lies the fraction f between their edges, as the number
-   that samples it: below the higher one, which belongs to the next block. */
-ENVSAMP__MATH float envsamp__invert_between(uint32_t tile, uint32_t bits, const float cut[2],
-                                            double f)
-{
-    double scale = 1.0 / (double)(1u << bits), low = (double)cut[0], high = (double)cut[1];
-    uint32_t end = envsamp__float_bits((float)(((double)tile + high) * scale));
-
-    f = envsamp__clamp(f, 0.0, 1.0);
-    return envsamp__at_most((float)(((double)tile + low + f * (high - low)) * scale),
-                            envsamp__bits_float(end - (end > 0)));
-}
-
 /* The way down the nodes, one cut at a time: a link to a node, and which of its cuts. */
 typedef struct envsamp__descent { uint32_t link, cut; } envsamp__descent;
 
@@ -5464,6 +5451,7 @@ ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, en
 ENVSAMP_DEVICE static int envsamp__invert(const envsamp_kd *kd, const float dir[3], float u[2],
                                           uint64_t *place)
 {
+    const uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
     uint32_t tile[2] = { 0, 0 }, link;
     envsamp__descent down;
     float cut[4], edge[4];
@@ -5476,24 +5464,30 @@ ENVSAMP_DEVICE static int envsamp__invert(const envsamp_kd *kd, const float dir[
     envsamp__grid_link(kd, d, place);
     down.link = ENVSAMP__INNER | kd->nodes_at / 4;
     down.cut = envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]) ? 0 : 2;
-    for (uint32_t level = kd->tile_bits_x + kd->tile_bits_y; level > 0; level--) {
+    for (uint32_t level = bits[0] + bits[1]; level > 0; level--) {
         uint32_t side = envsamp__descend(kd, *place, &down);
 
         tile[side >> 1] = 2 * tile[side >> 1] + (side & 1);
     }
-    tile[0] &= (1u << kd->tile_bits_x) - 1;             /* of a damaged table, anything */
-    tile[1] &= (1u << kd->tile_bits_y) - 1;
-    link = envsamp__enter_tile(kd, (int)((tile[1] << kd->tile_bits_x) + tile[0]), cut, edge, 1);
+    tile[0] &= (1u << bits[0]) - 1;                     /* of a damaged table, anything */
+    tile[1] &= (1u << bits[1]) - 1;
+    link = envsamp__enter_tile(kd, (int)((tile[1] << bits[0]) + tile[0]), cut, edge, 1);
     while (link & ENVSAMP__INNER)
         link = envsamp__take_side(ENVSAMP__LINKED(envsamp__sample_node, kd, link),
                                   envsamp__descend(kd, *place, &down) & 1, cut, edge, 1);
     if (!link || !envsamp__edges_valid(kd->mapping, edge))     /* not so in a damaged table */
         return 0;
     envsamp__exact e = envsamp__dir_exact(kd->mapping, dir);
-    u[0] = envsamp__invert_between(tile[0], kd->tile_bits_x, cut, (e.x - (double)edge[0])
-                                                       / ((double)edge[1] - (double)edge[0]));
-    u[1] = envsamp__invert_between(tile[1], kd->tile_bits_y, cut + 2,
-                                   envsamp__exact_between(e, edge[2], edge[3]));
+    const double f[2] = { (e.x - (double)edge[0]) / ((double)edge[1] - (double)edge[0]),
+                          envsamp__exact_between(e, edge[2], edge[3]) };
+    for (int i = 0; i < 2; i++) {
+        double scale = 1.0 / (double)(1u << bits[i]), low = (double)tile[i] + (double)cut[2 * i];
+        double high = (double)tile[i] + (double)cut[2 * i + 1];
+        uint32_t end = envsamp__float_bits((float)(high * scale));      /* is of the next block */
+
+        u[i] = envsamp__at_most((float)((low + envsamp__clamp(f[i], 0.0, 1.0) * (high - low))
+                                        * scale), envsamp__bits_float(end - (end > 0)));
+    }
     return 1;
 }
 
