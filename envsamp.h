@@ -3482,12 +3482,12 @@ static void envsamp__fit_residuals(const double *param, double *residual, void *
    weights of 1/sqrt(|residual|) from the point before, again and again. */
 static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *best)
 {
-    envsamp_lm_desc desc = { 1, 0, 30, 1e-10, 1e-10, 1e-10 };
+    int params = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
+    envsamp_lm_desc desc = { params, envsamp__max_int(fit->count, params), 30, 1e-10, 1e-10,
+                             1e-10 };
     int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3;
     envsamp__fit_point next = *best;
 
-    desc.param_count = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
-    desc.residual_count = envsamp__max_int(fit->count, desc.param_count);
     for (; rounds > 0; rounds--) {
         if (fit->objective == ENVSAMP_KD_L1) {
             for (int k = 0; k < fit->count; k++)
@@ -3967,9 +3967,8 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     }
 #ifndef ENVSAMP_NO_FIT
     if (desc->select == ENVSAMP_KD_FIT) {
-        envsamp_lm_desc lm = { 2, 0, 0, 0.0, 0.0, 0.0 };
+        envsamp_lm_desc lm = { 2, envsamp__max_int((int)count, 2), 0, 0.0, 0.0, 0.0 };
 
-        lm.residual_count = envsamp__max_int((int)count, 2);
         job->target = ENVSAMP__TAKE(double, arena, count);
         job->weight = ENVSAMP__TAKE(double, arena, count);
         job->lm_scratch.bytes = envsamp_lm_scratch_bytes(&lm);
