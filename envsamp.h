@@ -4299,12 +4299,11 @@ static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
     const envsamp__tree *tree = &job->tree;
     envsamp__record *tile = ENVSAMP__RECORDS_OUT(kd) + i;
     envsamp__subtree *stack = job->subtrees;
-    envsamp__subtree p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 0, NULL, 0 };
+    envsamp__subtree p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, tree->root,
+                           &tile->link, 0 };
     uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
     const uint32_t at[2] = { i & ((1u << bits[0]) - 1), i >> bits[0] };
 
-    p.link = tree->root;
-    p.child = &tile->link;
     if (kd->mapping == ENVSAMP_LATLONG)
         p.edge[3] = -0.0f;
     for (int level = 0; level < tree->tile_bits; level++) {     /* down the crown */
