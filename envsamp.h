@@ -3752,8 +3752,9 @@ typedef char envsamp__kd_is_packed[sizeof(envsamp_kd) == 192 ? 1 : -1];
     ((type *)(void *)((char *)(table) + (table)->name##_at))
 
 /* The records, which follow the header, and what a link leads to. */
-#define ENVSAMP__RECORDS(kd) ((const envsamp__record *)(const void *)((kd) + 1))
-#define ENVSAMP__RECORDS_OUT(kd) ((envsamp__record *)(void *)((kd) + 1))
+#define ENVSAMP__RECORDS(kd) \
+    ((const envsamp__record *)(const void *)((const char *)(kd) + sizeof(envsamp_kd)))
+#define ENVSAMP__RECORDS_OUT(kd) ((envsamp__record *)(void *)((char *)(kd) + sizeof(envsamp_kd)))
 #define ENVSAMP__LINKED(type, kd, link) ((const type *)(const void *) \
     ((const char *)(kd) + 4 * (size_t)((link) & ~ENVSAMP__INNER)))
 
@@ -4126,8 +4127,9 @@ static void envsamp__write_cut(envsamp_kd_job *job, envsamp_kd *kd, const envsam
                                envsamp__subtree *low, envsamp__subtree *high)
 {
     const envsamp__cut *cut = &job->tree.cuts[p->link];
-    envsamp__record *tiles_end = ENVSAMP__RECORDS_OUT(kd) + envsamp__tile_count(kd);
-    envsamp__sample_node *node = (envsamp__sample_node *)(void *)tiles_end + job->cut_count;
+    uint32_t link = envsamp__cut_link(kd, job->cut_count);
+    envsamp__sample_node *node = (envsamp__sample_node *)(void *)
+                                 ((char *)kd + 4 * (size_t)(link & ~ENVSAMP__INNER));
     int axis = cut->axis;
     float side = (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
     uint32_t units = (uint32_t)((p->cut[2 * axis + 1] - p->cut[2 * axis]) * side);
@@ -4149,7 +4151,8 @@ static void envsamp__write_cut(envsamp_kd_job *job, envsamp_kd *kd, const envsam
     node->edge = envsamp__stored_edge(job->tree.map, cut->at, axis);
     envsamp__take_side(node, 0, low->cut, low->edge, 1);
     envsamp__take_side(node, 1, high->cut, high->edge, 1);
-    *p->child = envsamp__cut_link(kd, job->cut_count++);
+    *p->child = link;
+    job->cut_count++;
     low->child = &node->child[0];
     high->child = &node->child[1];
 }
