@@ -2083,28 +2083,45 @@ ENVSAMP__HOT envsamp_sample envsamp__point_sample(uint32_t mapping, envsamp__poi
     return s;
 }
 
-/* Directions of n points of a batch. */
-ENVSAMP__HOT void envsamp__point_dirs(uint32_t mapping, int n, const float *at, float *x, float *y,
-                                      float *z)
+/* Points and densities of a batch are all x, all north, all south, all densities; before, of WARP,
+   the cuts that bound their blocks. */
+ENVSAMP__HOT void envsamp__batch_put(float *batch, int i, envsamp__point p, float pdf)
 {
-    const float *px = at, *north = at + ENVSAMP__BATCH, *south = at + 2 * ENVSAMP__BATCH;
-    float turn[ENVSAMP__BATCH], sine[ENVSAMP__BATCH];
+    batch[i] = p.x;
+    batch[ENVSAMP__BATCH + i] = p.north;
+    batch[2 * ENVSAMP__BATCH + i] = p.south;
+    batch[3 * ENVSAMP__BATCH + i] = pdf;
+}
 
-    for (int i = 0; i < n; i++)
-        turn[i] = envsamp__clamp_unit(px[i]);
+/* Directions and densities of the first `count` of a batch. Those of some multiple of 16, so that
+   compilers vectorise. */
+static void envsamp__batch_out(uint32_t mapping, int count, const float *batch, float *x, float *y,
+                               float *z, float *pdf)
+{
+    const float *north = batch + ENVSAMP__BATCH, *south = batch + 2 * ENVSAMP__BATCH;
+    float turn[ENVSAMP__BATCH], sine[ENVSAMP__BATCH], dir[3][ENVSAMP__BATCH];
+    size_t bytes = (size_t)count * sizeof(float);
+    int n = (count + 15) & 0x70;
+
+    for (int i = 0; i < n; i++) {
+        turn[i] = envsamp__clamp_unit(batch[i]);
+        sine[i] = ENVSAMP_FABSF(north[i] * south[i]);   /* below 0 by rounding with -ffast-math */
+    }
     if (mapping == ENVSAMP_OCTAHEDRAL) {
         for (int i = 0; i < n; i++)
-            envsamp__octahedral_dir(turn[i], north[i], &x[i], &y[i], &z[i]);
-        return;
-    }
-    for (int i = 0; i < n; i++)
-        sine[i] = ENVSAMP_FABSF(north[i] * south[i]);   /* below 0 by rounding with -ffast-math */
-    envsamp__sqrt_n(sine, n);
-    for (int i = 0; i < n; i++) {
-        envsamp__point p = { turn[i], north[i], south[i] };
+            envsamp__octahedral_dir(turn[i], north[i], &dir[0][i], &dir[1][i], &dir[2][i]);
+    } else {
+        envsamp__sqrt_n(sine, n);
+        for (int i = 0; i < n; i++) {
+            envsamp__point p = { turn[i], north[i], south[i] };
 
-        envsamp__point_dir(p, sine[i], &x[i], &y[i], &z[i]);
+            envsamp__point_dir(p, sine[i], &dir[0][i], &dir[1][i], &dir[2][i]);
+        }
     }
+    ENVSAMP_MEMCPY(x, dir[0], bytes);
+    ENVSAMP_MEMCPY(y, dir[1], bytes);
+    ENVSAMP_MEMCPY(z, dir[2], bytes);
+    ENVSAMP_MEMCPY(pdf, batch + 3 * ENVSAMP__BATCH, bytes);
 }
 
 /* ---- coordinates of density ---- */
@@ -3478,12 +3495,12 @@ static void envsamp__fit_residuals(const double *param, double *residual, void *
    weights of 1/sqrt(|residual|) from the point before, again and again. */
 static void envsamp__fit_polish(envsamp__fit *fit, envsamp__fit_point *best)
 {
-    envsamp_lm_desc desc = { 1, 0, 30, 1e-10, 1e-10, 1e-10 };
+    int params = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
+    envsamp_lm_desc desc = { params, envsamp__max_int(fit->count, params), 30, 1e-10, 1e-10,
+                             1e-10 };
     int rounds = fit->objective == ENVSAMP_KD_CHI2 ? 1 : 3;
     envsamp__fit_point next = *best;
 
-    desc.param_count = fit->model == ENVSAMP_KD_LOG ? 1 : 2;
-    desc.residual_count = envsamp__max_int(fit->count, desc.param_count);
     for (; rounds > 0; rounds--) {
         if (fit->objective == ENVSAMP_KD_L1) {
             for (int k = 0; k < fit->count; k++)
@@ -3531,42 +3548,33 @@ static void envsamp__fit_climb(const envsamp__fit *fit, envsamp__fit_point *best
     }
 }
 
-/* Scans log2 alpha at one beta for local minima and keeps the best ENVSAMP__FIT_STARTS. */
-static void envsamp__fit_scan(const envsamp__fit *fit, double beta, double step,
-                              envsamp__fit_point *starts)
-{
-    envsamp__fit_point last = { DBL_MAX, { 0.0, 0.0 } }, next = { 0.0, { 0.0, 0.0 } };
-    double before = DBL_MAX;
-    int k;
-
-    next.param[1] = beta;
-    for (int i = 0; next.cost < DBL_MAX; i++) {
-        next.param[0] = ENVSAMP__LOG2_ALPHA_MIN + step * (double)i;
-        next.cost = envsamp__fit_cost(fit, next.param, NULL);
-        if (i > 0 && last.cost <= before && last.cost <= next.cost
-            && last.cost < starts[ENVSAMP__FIT_STARTS - 1].cost) {
-            for (k = ENVSAMP__FIT_STARTS - 1; k > 0 && starts[k - 1].cost > last.cost; k--)
-                starts[k] = starts[k - 1];
-            starts[k] = last;
-        }
-        before = last.cost;
-        last = next;
-    }
-}
-
 /* The global minimum: the objective has several local ones in alpha, and a wrong one costs up to
-   50 in excess variance. */
+   50 in excess variance. Scans log2 alpha at some betas and starts from the best local minima. */
 static envsamp__fit_point envsamp__fit_solve(envsamp__fit *fit)
 {
     const double betas[] = { 1.0, 0.25, 0.5, 0.75, 1.25, 1.5, 2.0, 3.0 };
-    int scans = fit->model == ENVSAMP_KD_LOG ? 1 : (int)(sizeof betas / sizeof betas[0]);
+    const envsamp__fit_point worst = { DBL_MAX, { 0.0, 0.0 } };
+    int scans = fit->model == ENVSAMP_KD_LOG ? 1 : (int)(sizeof betas / sizeof betas[0]), k;
     double step = fit->model == ENVSAMP_KD_LOG ? 0.25 : 1.0;
-    envsamp__fit_point starts[ENVSAMP__FIT_STARTS];
+    envsamp__fit_point starts[ENVSAMP__FIT_STARTS + 1];     /* and one that is not kept */
 
     for (int i = 0; i < ENVSAMP__FIT_STARTS; i++)
-        starts[i].cost = DBL_MAX;
-    for (int i = 0; i < scans; i++)
-        envsamp__fit_scan(fit, betas[i], step, starts);
+        starts[i] = worst;
+    for (int scan = 0; scan < scans; scan++) {
+        envsamp__fit_point before = worst, last = worst, next = { 0.0, { 0.0, betas[scan] } };
+
+        for (int i = 0; next.cost < DBL_MAX; i++) {
+            next.param[0] = ENVSAMP__LOG2_ALPHA_MIN + step * (double)i;
+            next.cost = envsamp__fit_cost(fit, next.param, NULL);
+            if (i > 0 && last.cost <= before.cost && last.cost <= next.cost) {
+                for (k = ENVSAMP__FIT_STARTS; k > 0 && starts[k - 1].cost > last.cost; k--)
+                    starts[k] = starts[k - 1];
+                starts[k] = last;
+            }
+            before = last;
+            last = next;
+        }
+    }
     envsamp__fit_point best = starts[0];
     for (int i = 0; i < ENVSAMP__FIT_STARTS && starts[i].cost < DBL_MAX; i++) {
         envsamp__fit_polish(fit, &starts[i]);
@@ -3925,18 +3933,18 @@ struct envsamp_kd_job {
     envsamp__tree tree;
     int level;                      /* PYRAMID: that is made */
     int block_limit;                /* of the description, or of the cells */
-    int crown_blocks;               /* WARP: sets the size of the crown; 0: not known yet */
+    int crown_blocks;               /* as many set the size of the crown; 0: not known yet */
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
     uint32_t *order;                /* blocks of the tree as the table has them; then, by cut,
-                                       numbers of nodes */
+                                       numbers of nodes; then places of links to it in `facing` */
     float *density;                 /* of each block of the tree */
     uint32_t *draws, *stack;        /* ALIAS */
     envsamp_buffer lm_scratch;
     double second;                  /* moment of L / pdf of what is written */
     envsamp__subtree *subtrees;     /* WARP: a stack of ENVSAMP__WARP_DEPTH + 2 */
     uint32_t cut_count;             /* WARP: written */
-    envsamp__facing_sum *facing;    /* of each cut, then of each block; or NULL */
+    envsamp__facing_sum *facing;    /* of each cut, at even places, and each block; or NULL */
 };
 
 /* Puts a job's arrays into a buffer that begins with the job. */
@@ -3973,9 +3981,8 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     }
 #ifndef ENVSAMP_NO_FIT
     if (desc->select == ENVSAMP_KD_FIT) {
-        envsamp_lm_desc lm = { 2, 0, 0, 0.0, 0.0, 0.0 };
+        envsamp_lm_desc lm = { 2, envsamp__max_int((int)count, 2), 0, 0.0, 0.0, 0.0 };
 
-        lm.residual_count = envsamp__max_int((int)count, 2);
         job->target = ENVSAMP__TAKE(double, arena, count);
         job->weight = ENVSAMP__TAKE(double, arena, count);
         job->lm_scratch.bytes = envsamp_lm_scratch_bytes(&lm);
@@ -4012,25 +4019,25 @@ static void envsamp__write_pdf_nodes(const envsamp_kd_job *job, envsamp_kd *kd)
     const envsamp__tree *tree = &job->tree;
     envsamp__pdf_node *node = ENVSAMP__ARRAY_OUT(envsamp__pdf_node, kd, nodes);
     const uint32_t *number = job->order, size = sizeof *node / 4;
+    uint32_t part[7];
 
     for (int c = number[0] ? 0 : -1; c + 1 < tree->block_count; c++) {
         if (c >= 0 && !number[c])
             continue;
-        if (c >= 0)
-            node->cut[0] = envsamp__node_cut(tree->map, tree->cuts[c].at, tree->cuts[c].axis);
-        for (int i = 0; i < 4; i++) {
-            uint32_t link = c >= 0 ? tree->cuts[c].child[i >> 1] : tree->root;
-
-            if (!(link & ENVSAMP__LEAF) && !number[link]) {
-                if (!(i & 1))
-                    node->cut[1 + (i >> 1)] = envsamp__node_cut(tree->map, tree->cuts[link].at,
-                                                                tree->cuts[link].axis);
-                link = tree->cuts[link].child[i & 1];
-            }
-            node->child[i] = link & ENVSAMP__LEAF
-                           ? envsamp__float_bits(job->density[link & ~ENVSAMP__LEAF])
-                           : ENVSAMP__INNER | (kd->nodes_at / 4 + size * (number[link] - 1));
+        part[0] = c < 0 ? tree->root : (uint32_t)c;
+        for (uint32_t at = 0; at < 3; at++) {
+            part[2 * at + 1] = part[2 * at + 2] = part[at];
+            if (part[at] & ENVSAMP__LEAF || (at == 0) != (number[part[at]] > 0))
+                continue;           /* a block, or below another node */
+            const envsamp__cut *cut = &tree->cuts[part[at]];
+            node->cut[at] = envsamp__node_cut(tree->map, cut->at, cut->axis);
+            part[2 * at + 1] = cut->child[0];
+            part[2 * at + 2] = cut->child[1];
         }
+        for (int i = 0; i < 4; i++)
+            node->child[i] = part[3 + i] & ENVSAMP__LEAF
+                           ? envsamp__float_bits(job->density[part[3 + i] & ~ENVSAMP__LEAF])
+                           : ENVSAMP__INNER | (kd->nodes_at / 4 + size * (number[part[3 + i]] - 1));
         node++;
     }
 }
@@ -4128,12 +4135,14 @@ static void envsamp__add_cost(envsamp_kd_job *job, const envsamp__block *b, doub
 
 /* Writes the cut of a subtree and sets its two sides. It divides the units of 2^-24 in
    proportion to Q but for rounding: a lit side gets one at least, a black one none. Where there are
-   too few, it becomes one block: returns 0, and both sides are the subtree itself. */
-static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
-                              const envsamp__subtree *p, envsamp__sample_node *node,
-                              envsamp__subtree *low, envsamp__subtree *high)
+   too few, it becomes one block, and both sides are the subtree itself. */
+static void envsamp__write_cut(envsamp_kd_job *job, envsamp_kd *kd, const envsamp__subtree *p,
+                               envsamp__subtree *low, envsamp__subtree *high)
 {
     const envsamp__cut *cut = &job->tree.cuts[p->link];
+    uint32_t link = envsamp__cut_link(kd, job->cut_count);
+    envsamp__sample_node *node = (envsamp__sample_node *)(void *)
+                                 ((char *)kd + 4 * (size_t)(link & ~ENVSAMP__INNER));
     int axis = cut->axis;
     float side = (float)(1u << (24 - (axis ? kd->tile_bits_y : kd->tile_bits_x)));
     uint32_t units = (uint32_t)((p->cut[2 * axis + 1] - p->cut[2 * axis]) * side);
@@ -4145,7 +4154,7 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
     high->link = cut->child[1];
     if (p->is_merged || (low_q > 0.0 && high_q > 0.0 && units < 2)) {
         low->is_merged = high->is_merged = 1;
-        return 0;
+        return;
     }
     double share = low_q + high_q > 0.0 ? low_q / (low_q + high_q) : 0.5;
     uint32_t cut_at = (uint32_t)(share * (double)units + 0.5);
@@ -4155,9 +4164,10 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
     node->edge = envsamp__stored_edge(job->tree.map, cut->at, axis);
     envsamp__take_side(node, 0, low->cut, low->edge, 1);
     envsamp__take_side(node, 1, high->cut, high->edge, 1);
+    *p->child = link;
+    job->cut_count++;
     low->child = &node->child[0];
     high->child = &node->child[1];
-    return 1;
 }
 
 /* ---- writing `facing` ---- */
@@ -4169,35 +4179,37 @@ static int envsamp__write_cut(const envsamp_kd_job *job, const envsamp_kd *kd,
 
 static envsamp__facing_sum *envsamp__facing_of(const envsamp_kd_job *job, uint32_t link)
 {
-    return &job->facing[link & ENVSAMP__LEAF ? (uint32_t)job->block_limit
-                                               + (link & ~ENVSAMP__LEAF) : link];
+    return &job->facing[link << 1 | link >> 31];
 }
 
-/* Sums of a block of a tile: by three points each way, Gauss's. cut, edge: as a subtree's. */
-static void envsamp__facing_block(const envsamp_kd *kd, const float cut[4], const float edge[4],
+/* Sums of a block of a tile: by three points each way, Gauss's. */
+static void envsamp__facing_block(const envsamp_kd *kd, const envsamp__subtree *block,
                                   uint32_t tile, envsamp__facing_sum *sum)
 {
     static const float place[3] = { 0.112701665f, 0.5f, 0.887298335f };
     static const float weight[3] = { 0.277777778f, 0.444444444f, 0.277777778f };
     const uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
     const uint32_t at[2] = { tile & ((1u << bits[0]) - 1), tile >> bits[0] };
+    const float *edge = block->edge;
+    float batch[4 * ENVSAMP__BATCH] = { 0.0f }, dir[3][9], w[9];
 
     ENVSAMP_MEMSET(sum, 0, sizeof *sum);
     for (int i = 0; i < 4; i++)
-        sum->cut[i] = ((float)at[i / 2] + cut[i]) / (float)(1u << bits[i / 2]);
+        sum->cut[i] = ((float)at[i / 2] + block->cut[i]) / (float)(1u << bits[i / 2]);
     sum->area = (sum->cut[1] - sum->cut[0]) * (sum->cut[3] - sum->cut[2]);
-    for (int i = 0; i < 9 && sum->area > 0.0f; i++) {
-        envsamp__point p = envsamp__between(edge[0], edge[1], place[i % 3], edge[2], edge[3],
-                                            place[i / 3]);
-        envsamp_sample s = envsamp__point_sample(kd->mapping, p, 0.0f);
-        float w = sum->area * weight[i % 3] * weight[i / 3];
-
+    if (!(sum->area > 0.0f))
+        return;
+    for (int i = 0; i < 9; i++)
+        envsamp__batch_put(batch, i, envsamp__between(edge[0], edge[1], place[i % 3], edge[2],
+                                                      edge[3], place[i / 3]),
+                           sum->area * weight[i % 3] * weight[i / 3]);
+    envsamp__batch_out(kd->mapping, 9, batch, dir[0], dir[1], dir[2], w);
+    for (int i = 0; i < 9; i++)
         for (int k = 0; k < 3; k++) {
-            sum->moment[k] += w * s.dir[k];
-            sum->moment[3 + k] += w * s.dir[k] * s.dir[k];
-            sum->moment[6 + k] += w * s.dir[k == 2] * s.dir[k == 0 ? 1 : 2];
+            sum->moment[k] += w[i] * dir[k][i];
+            sum->moment[3 + k] += w[i] * dir[k][i] * dir[k][i];
+            sum->moment[6 + k] += w[i] * dir[k == 2][i] * dir[k == 0 ? 1 : 2][i];
         }
-    }
 }
 
 /* The cut that a link leads to; NULL for a block, and where the table has one block for both sides,
@@ -4211,8 +4223,8 @@ static const envsamp__cut *envsamp__facing_cut(const envsamp_kd_job *job, uint32
          ? cut : NULL;
 }
 
-/* One of the parts of a node. Its child stays a link of the tree, and is in the heap, while it
-   can become a node. Parts that spread over the sphere and have much light come first. */
+/* One of the parts of a node. In the heap, while it can become a node, parts that spread over the
+   sphere and have much light come first. */
 static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node, int number,
                                  uint32_t link)
 {
@@ -4232,9 +4244,9 @@ static void envsamp__facing_part(envsamp_kd_job *job, envsamp__facing_node *node
     float spread = bright - (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
     *child = envsamp__float_bits(area > 0.0f ? 1.0f / area : 0.0f);
     if (envsamp__facing_cut(job, link) && spread > 0.0f) {
-        *child = link;
-        envsamp__heap_push(&job->tree.heap, (double)(spread / bright * ENVSAMP_SQRTF(area)),
-                           (uint32_t)(child - (uint32_t *)job->base.table), 0);
+        job->order[link] = (uint32_t)(child - (uint32_t *)job->base.table);
+        envsamp__heap_push(&job->tree.heap, (double)(spread / bright * ENVSAMP_SQRTF(area)), link,
+                           0);
     }
 }
 
@@ -4269,12 +4281,11 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
     envsamp__facing_node *node = ENVSAMP__ARRAY_OUT(envsamp__facing_node, kd, facing);
     envsamp__heap *heap = &job->tree.heap;
     uint32_t limit = 1 + (uint32_t)job->tree.block_count / ENVSAMP__BLOCKS_PER_FACING;
-    uint32_t size = sizeof *node / 4;
-    uint32_t *words = (uint32_t *)job->base.table, *child, link = job->tree.root;
+    uint32_t *words = (uint32_t *)job->base.table, size = sizeof *node / 4, link = job->tree.root;
 
     for (int i = job->tree.block_count - 2; i >= 0; i--) {      /* children come after parents */
         const envsamp__facing_sum *high = envsamp__facing_of(job, job->tree.cuts[i].child[1]);
-        envsamp__facing_sum *sum = &job->facing[i];
+        envsamp__facing_sum *sum = envsamp__facing_of(job, (uint32_t)i);
 
         *sum = *envsamp__facing_of(job, job->tree.cuts[i].child[0]);
         if (!envsamp__facing_cut(job, (uint32_t)i))
@@ -4289,75 +4300,52 @@ static void envsamp__write_facing(envsamp_kd_job *job, envsamp_kd *kd)
         envsamp__facing_fill(job, node, link);
         if (++kd->facing_count == limit || heap->count == 0)
             break;
-        child = words + heap->entries[0].item;
+        link = heap->entries[0].item;
         heap->entries[0] = heap->entries[--heap->count];
         envsamp__heap_settle(heap);
-        link = *child;
-        *child = ENVSAMP__INNER | (kd->facing_at / 4 + size * kd->facing_count);
-    }
-    while (heap->count > 0) {
-        child = words + heap->entries[--heap->count].item;
-        *child = envsamp__float_bits(1.0f / envsamp__facing_of(job, *child)->area);
+        words[job->order[link]] = ENVSAMP__INNER | (kd->facing_at / 4 + size * kd->facing_count);
     }
     envsamp__kd_layout(kd);
-}
-
-/* A tile as a subtree, but for where its link goes: the way down the crown. */
-static envsamp__subtree envsamp__find_tile(const envsamp__tree *tree, const envsamp_kd *kd,
-                                           uint32_t i)
-{
-    envsamp__subtree p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, 0, NULL, 0 };
-    uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
-    const uint32_t at[2] = { i & ((1u << bits[0]) - 1), i >> bits[0] };
-
-    p.link = tree->root;
-    if (kd->mapping == ENVSAMP_LATLONG)
-        p.edge[3] = -0.0f;
-    for (int level = 0; level < tree->tile_bits; level++) {
-        const envsamp__cut *cut = &tree->cuts[p.link];
-        uint32_t high = at[cut->axis] >> --bits[cut->axis] & 1;
-
-        p.edge[2 * cut->axis + !high] = envsamp__stored_edge(tree->map, cut->at, cut->axis);
-        p.link = cut->child[high];
-    }
-    return p;
 }
 
 /* Tile i, and all below it. The density of a block is the area of its place in the unit square over
    its solid angle. */
 static void envsamp__write_tile(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
 {
+    const envsamp__tree *tree = &job->tree;
     envsamp__record *tile = ENVSAMP__RECORDS_OUT(kd) + i;
     envsamp__subtree *stack = job->subtrees;
-    int top = 1;
+    envsamp__subtree p = { { 0.0f, 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 0.0f, 1.0f }, tree->root,
+                           &tile->link, 0 };
+    uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
+    const uint32_t at[2] = { i & ((1u << bits[0]) - 1), i >> bits[0] };
 
-    stack[0] = envsamp__find_tile(&job->tree, kd, i);
-    stack[0].child = &tile->link;
-    ENVSAMP_MEMCPY(tile->edge, stack[0].edge, sizeof tile->edge);
-    while (top > 0) {
-        envsamp__subtree subtree = stack[--top];
-        uint32_t next = envsamp__cut_link(kd, job->cut_count);
-        uint32_t block = subtree.link & ~ENVSAMP__LEAF;
+    if (kd->mapping == ENVSAMP_LATLONG)
+        p.edge[3] = -0.0f;
+    for (int level = 0; level < tree->tile_bits; level++) {     /* down the crown */
+        const envsamp__cut *cut = &tree->cuts[p.link];
+        uint32_t high = at[cut->axis] >> --bits[cut->axis] & 1;
 
-        if (subtree.link & ENVSAMP__LEAF) {
-            double sr = envsamp__edges_sr(kd->mapping, subtree.edge);
-            float pdf = (float)envsamp__max(envsamp__region_area(kd, subtree.cut) / sr, 0.0);
-
-            *subtree.child = envsamp__float_bits(pdf);
-            job->density[block] = pdf;
-            if (job->facing)
-                envsamp__facing_block(kd, subtree.cut, subtree.edge, i,
-                                      envsamp__facing_of(job, subtree.link));
-            envsamp__add_cost(job, &job->tree.blocks[block], (double)pdf);
+        p.edge[2 * cut->axis + !high] = envsamp__stored_edge(tree->map, cut->at, cut->axis);
+        p.link = cut->child[high];
+    }
+    ENVSAMP_MEMCPY(tile->edge, p.edge, sizeof tile->edge);
+    stack[0] = p;
+    for (int top = 0; top >= 0;) {
+        p = stack[top--];
+        if (!(p.link & ENVSAMP__LEAF)) {
+            envsamp__write_cut(job, kd, &p, &stack[top + 2], &stack[top + 1]);
+            top += 2;
             continue;
         }
-        if (envsamp__write_cut(job, kd, &subtree, (envsamp__sample_node *)(void *)
-                               ((char *)kd + 4 * (size_t)(next & ~ENVSAMP__INNER)),
-                               &stack[top + 1], &stack[top])) {
-            *subtree.child = next;
-            job->cut_count++;
-        }
-        top += 2;
+        uint32_t block = p.link & ~ENVSAMP__LEAF;
+        double sr = envsamp__edges_sr(kd->mapping, p.edge);
+        float pdf = (float)envsamp__max(envsamp__region_area(kd, p.cut) / sr, 0.0);
+        *p.child = envsamp__float_bits(pdf);
+        job->density[block] = pdf;
+        envsamp__add_cost(job, &tree->blocks[block], (double)pdf);
+        if (job->facing)
+            envsamp__facing_block(kd, &p, i, envsamp__facing_of(job, p.link));
     }
 }
 
@@ -4401,19 +4389,17 @@ static void envsamp__choose_fit(envsamp_kd_job *job, envsamp_kd *kd)
 
 #endif  /* ENVSAMP_NO_FIT */
 
-/* ALIAS and FIT: edges and density of block i in the order of the table. */
-static void envsamp__write_block(envsamp_kd_job *job, envsamp_kd *kd, uint32_t i)
+/* ALIAS and FIT: edges and density of a block, by its place in the table. */
+static void envsamp__write_block(envsamp_kd_job *job, envsamp_kd *kd, uint32_t item)
 {
-    const envsamp__map *map = &job->base.map;
-    envsamp__record *record = ENVSAMP__RECORDS_OUT(kd) + i;
-    uint32_t number = job->order[i];
+    envsamp__record *record = ENVSAMP__RECORDS_OUT(kd) + item;
+    uint32_t number = job->order[item];
     const envsamp__block *b = &job->tree.blocks[number];
+    const double at[4] = { b->rect.x0, b->rect.x1, b->rect.y0, b->rect.y1 };
     double probability = job->probability[number], pdf = 0.0;
 
-    record->edge[0] = envsamp__stored_edge(map, b->rect.x0, 0);
-    record->edge[1] = envsamp__stored_edge(map, b->rect.x1, 0);
-    record->edge[2] = envsamp__stored_edge(map, b->rect.y0, 1);
-    record->edge[3] = envsamp__stored_edge(map, b->rect.y1, 1);
+    for (int i = 0; i < 4; i++)
+        record->edge[i] = envsamp__stored_edge(&job->base.map, at[i], i / 2);
     if (probability > 0.0)              /* lit, though a steep fit gives it next to nothing */
         pdf = envsamp__max(probability / envsamp__edges_sr(kd->mapping, record->edge),
                            (double)FLT_MIN);
@@ -4474,6 +4460,8 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
         b->weight = fit_l1 ? b->whole.sum : envsamp__whole_q(b);
         if (b->weight < DBL_MIN && envsamp__rect_peak(tree->map, &b->rect, 0.0) > 0.0)
             b->weight = DBL_MIN;        /* zero would leave its light unsampled */
+        q[i] = b->weight;
+        job->order[i] = (uint32_t)i;
     }
     if (kd->select == ENVSAMP_KD_WARP) {
         for (int i = tree->block_count - 2; i >= 0; i--)    /* children come after their parents */
@@ -4482,10 +4470,6 @@ static void envsamp__choose(envsamp_kd_job *job, envsamp_kd *kd)
         kd->tile_bits_x = (uint32_t)envsamp__crown_columns(tree, tree->tile_bits);
         kd->tile_bits_y = (uint32_t)tree->tile_bits - kd->tile_bits_x;
         return;
-    }
-    for (int i = 0; i < tree->block_count; i++) {
-        job->order[i] = (uint32_t)i;
-        q[i] = tree->blocks[i].weight;
     }
 #ifndef ENVSAMP_NO_FIT
     if (kd->select == ENVSAMP_KD_FIT) {
@@ -4575,9 +4559,8 @@ static int envsamp__kd_work(void *work, int item)
             base->result = ENVSAMP_ERR_BLACK;
         job->level = 2;
         tree->q_wanted = target > 0.0 ? map->integral * ENVSAMP_SQRT(1.0 + target) : -1.0;
-        job->crown_blocks = job->block_limit;
-        if (target > 0.0 && desc->select == ENVSAMP_KD_WARP && !desc->facing)
-            job->crown_blocks = 0;
+        job->crown_blocks = desc->select != ENVSAMP_KD_WARP ? 1
+                          : target > 0.0 && !desc->facing ? 0 : job->block_limit;
         return 0;
     case ENVSAMP__PYRAMID:
         if (job->level >= map->level_count) {
@@ -4594,9 +4577,7 @@ static int envsamp__kd_work(void *work, int item)
         return 1;
     case ENVSAMP__CROWN:
         if (item == 0)
-            envsamp__crown_begin(tree, desc->select != ENVSAMP_KD_WARP ? 0
-                                       : envsamp__most_tile_bits(job->crown_blocks),
-                                 desc->facing);
+            envsamp__crown_begin(tree, envsamp__most_tile_bits(job->crown_blocks), desc->facing);
         return envsamp__crown_step(tree);
     case ENVSAMP__TILES:
         envsamp__heap_push(&tree->heap, envsamp__search_block(tree, &tree->blocks[item]),
@@ -5220,19 +5201,15 @@ ENVSAMP__HOT void envsamp__facing_step(const envsamp_kd *kd, const float n[9],
 }
 
 /* The numbers with which light alone draws there. Returns what multiplies its density. */
-ENVSAMP__HOT float envsamp__facing_end(const envsamp__facing_walk *walk, float *u0, float *u1)
+ENVSAMP__HOT float envsamp__facing_end(const envsamp__facing_walk *walk, float *f, size_t stride)
 {
-    float f[2];
-
-    for (int axis = 0; axis < 2; axis++) {
+    for (size_t axis = 0; axis < 2; axis++) {
         float low = walk->bound[2 * axis], high = walk->bound[2 * axis + 1];
+        float at = envsamp__at_most(low + walk->f[axis] * (high - low),
+                                    envsamp__bits_float(envsamp__float_bits(high) - 1));
 
-        f[axis] = envsamp__at_most(low + walk->f[axis] * (high - low),
-                                   envsamp__bits_float(envsamp__float_bits(high) - 1));
-        f[axis] = envsamp__clamp_unit(f[axis]);         /* of a damaged table, anything */
+        f[axis * stride] = envsamp__clamp_unit(at);     /* of a damaged table, anything */
     }
-    *u0 = f[0];
-    *u1 = f[1];
     return envsamp__saturate(walk->ratio) * envsamp__bits_float(walk->link);
 }
 
@@ -5245,7 +5222,7 @@ ENVSAMP__HOT float envsamp__facing_warp(const envsamp_kd *kd, const float n[9], 
     do {
         envsamp__facing_step(kd, n, NULL, &walk);
     } while (walk.link & ENVSAMP__INNER);
-    return envsamp__facing_end(&walk, &f[0], &f[1]);
+    return envsamp__facing_end(&walk, f, 1);
 }
 
 /* The density at a place where that of light alone is `pdf`. */
@@ -5301,31 +5278,6 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_kd_pdf_facing(const envsamp_kd *kd,
 }
 
 /* ---- many at a time ---- */
-
-/* Points and densities of a batch are all x, all north, all south, all densities; before, of WARP,
-   the cuts that bound their blocks. */
-ENVSAMP__HOT void envsamp__batch_put(float *batch, int i, envsamp__point p, float pdf)
-{
-    batch[i] = p.x;
-    batch[ENVSAMP__BATCH + i] = p.north;
-    batch[2 * ENVSAMP__BATCH + i] = p.south;
-    batch[3 * ENVSAMP__BATCH + i] = pdf;
-}
-
-/* Directions and densities of the first `count` of a batch. Those of some multiple of 16, so that
-   compilers vectorise. */
-static void envsamp__batch_out(uint32_t mapping, int count, const float *batch, float *x, float *y,
-                               float *z, float *pdf)
-{
-    float dir[3][ENVSAMP__BATCH];
-    size_t bytes = (size_t)count * sizeof(float);
-
-    envsamp__point_dirs(mapping, (count + 15) & 0x70, batch, dir[0], dir[1], dir[2]);
-    ENVSAMP_MEMCPY(x, dir[0], bytes);
-    ENVSAMP_MEMCPY(y, dir[1], bytes);
-    ENVSAMP_MEMCPY(z, dir[2], bytes);
-    ENVSAMP_MEMCPY(pdf, batch + 3 * ENVSAMP__BATCH, bytes);
-}
 
 /* Follows the links of a batch to their densities, one step of each that is still under way at a
    time: down the nodes at its place, or, if `place` is NULL, down the cuts, as warp_step. */
@@ -5391,7 +5343,7 @@ static void envsamp__facing_batch(const envsamp_kd *kd, envsamp__facing_cache *c
                 link |= walk[i].link;
             }
     for (uint32_t i = 0; i < count; i++)
-        ratio[i] = envsamp__facing_end(&walk[i], &f[i], &f[ENVSAMP__BATCH + i]);
+        ratio[i] = envsamp__facing_end(&walk[i], f + i, ENVSAMP__BATCH);
 }
 
 /* Loops are over a whole batch, filled up with whatever there is: compilers vectorise them. */
@@ -5442,7 +5394,7 @@ ENVSAMP_DEF void envsamp_kd_pdf_facing_n(const envsamp_kd *kd, const float norma
                                          const float *x, const float *y, const float *z,
                                          float *pdf)
 {
-    float copy[3][ENVSAMP__BATCH] = { { 0.0f } }, r[ENVSAMP__BATCH];
+    float d[3][ENVSAMP__BATCH] = { { 0.0f } }, r[ENVSAMP__BATCH];
     uint64_t place[ENVSAMP__BATCH];
     uint32_t link[ENVSAMP__BATCH];
     envsamp__facing_cache cache;
@@ -5455,24 +5407,22 @@ ENVSAMP_DEF void envsamp_kd_pdf_facing_n(const envsamp_kd *kd, const float norma
     for (size_t start = 0; start < n; start += ENVSAMP__BATCH) {
         int count = n - start < ENVSAMP__BATCH ? (int)(n - start) : ENVSAMP__BATCH;
         size_t bytes = (size_t)count * sizeof(float);
-        const float *a = x + start, *b = y + start, *c = z + start;
 
-        if (count < ENVSAMP__BATCH) {
-            a = (const float *)ENVSAMP_MEMCPY(copy[0], a, bytes);
-            b = (const float *)ENVSAMP_MEMCPY(copy[1], b, bytes);
-            c = (const float *)ENVSAMP_MEMCPY(copy[2], c, bytes);
-        }
+        ENVSAMP_MEMCPY(d[0], x + start, bytes);
+        ENVSAMP_MEMCPY(d[1], y + start, bytes);
+        ENVSAMP_MEMCPY(d[2], z + start, bytes);
         for (int i = 0; i < ENVSAMP__BATCH; i++)
-            r[i] = a[i] * a[i] + b[i] * b[i];
+            r[i] = d[0][i] * d[0][i] + d[1][i] * d[1][i];
         envsamp__sqrt_n(r, ENVSAMP__BATCH);
         for (int i = 0; i < ENVSAMP__BATCH && octahedral; i++)
-            link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, a[i], b[i],
-                                                                  c[i], r[i]), &place[i]);
+            link[i] = envsamp__grid_link(kd, envsamp__dir_to_grid(ENVSAMP_OCTAHEDRAL, d[0][i],
+                                                                  d[1][i], d[2][i], r[i]),
+                                         &place[i]);
         for (int i = 0; i < ENVSAMP__BATCH && !octahedral; i++) {
-            envsamp__l1_coords d = envsamp__to_l1_coords(a[i], b[i], c[i], r[i]);
+            envsamp__l1_coords at = envsamp__to_l1_coords(d[0][i], d[1][i], d[2][i], r[i]);
 
-            d.valid &= d.polar <= end;
-            link[i] = envsamp__grid_link(kd, d, &place[i]);
+            at.valid &= at.polar <= end;
+            link[i] = envsamp__grid_link(kd, at, &place[i]);
         }
         envsamp__batch_walk(kd, link, place, NULL, NULL, NULL);
         for (int i = 0; i < count && facing; i++)
@@ -5491,38 +5441,23 @@ ENVSAMP_DEF void envsamp_kd_pdf_n(const envsamp_kd *kd, size_t n, const float *x
 
 /* ---- inverse ---- */
 
-/* Where between two cuts of the unit square lies the fraction f between their edges, as the number
-   that samples it: below the higher one, which belongs to the next block. */
-ENVSAMP__MATH float envsamp__invert_between(uint32_t tile, uint32_t bits, const float cut[2],
-                                            double f)
-{
-    double scale = 1.0 / (double)(1u << bits), low = (double)cut[0], high = (double)cut[1];
-    uint32_t end = envsamp__float_bits((float)(((double)tile + high) * scale));
-
-    f = envsamp__clamp(f, 0.0, 1.0);
-    return envsamp__at_most((float)(((double)tile + low + f * (high - low)) * scale),
-                            envsamp__bits_float(end - (end > 0)));
-}
-
 /* The way down the nodes, one cut at a time: a link to a node, and which of its cuts. */
 typedef struct envsamp__descent { uint32_t link, cut; } envsamp__descent;
 
-/* Which side of the next cut a place is on. */
-ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, envsamp__descent *d,
-                                        int *axis)
+/* Which side of the next cut a place is on: 2 x its axis + whether it is the higher one. */
+ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, envsamp__descent *d)
 {
-    *axis = 0;
     if (!(d->link & ENVSAMP__INNER))        /* of a damaged table */
         return 0;
     const envsamp__pdf_node *node = ENVSAMP__LINKED(envsamp__pdf_node, kd, d->link);
-    uint32_t high = envsamp__is_high(node->cut[d->cut], place);
-    *axis = envsamp__sign(node->cut[d->cut]);
+    float cut = node->cut[d->cut];
+    uint32_t high = envsamp__is_high(cut, place);
     d->cut = 2 * d->cut + 1 + high;
     if (d->cut > 2) {
         d->link = node->child[d->cut - 3];
         d->cut = 0;
     }
-    return high;
+    return 2 * (uint32_t)envsamp__sign(cut) + high;
 }
 
 /* envsamp_kd_invert, and the place of the direction. Both trees of the table divide the map alike:
@@ -5530,10 +5465,10 @@ ENVSAMP__MATH uint32_t envsamp__descend(const envsamp_kd *kd, uint64_t place, en
 ENVSAMP_DEVICE static int envsamp__invert(const envsamp_kd *kd, const float dir[3], float u[2],
                                           uint64_t *place)
 {
+    const uint32_t bits[2] = { kd->tile_bits_x, kd->tile_bits_y };
     uint32_t tile[2] = { 0, 0 }, link;
     envsamp__descent down;
     float cut[4], edge[4];
-    int axis;
 
     u[0] = u[1] = 0.0f;
     envsamp__l1_coords d = envsamp__dir_to_grid(kd->mapping, dir[0], dir[1] + 0.0f, dir[2],
@@ -5543,24 +5478,30 @@ ENVSAMP_DEVICE static int envsamp__invert(const envsamp_kd *kd, const float dir[
     envsamp__grid_link(kd, d, place);
     down.link = ENVSAMP__INNER | kd->nodes_at / 4;
     down.cut = envsamp__float_bits(ENVSAMP__ARRAY(envsamp__pdf_node, kd, nodes)->cut[0]) ? 0 : 2;
-    for (uint32_t level = kd->tile_bits_x + kd->tile_bits_y; level > 0; level--) {
-        uint32_t high = envsamp__descend(kd, *place, &down, &axis);
+    for (uint32_t level = bits[0] + bits[1]; level > 0; level--) {
+        uint32_t side = envsamp__descend(kd, *place, &down);
 
-        tile[axis] = 2 * tile[axis] + high;
+        tile[side >> 1] = 2 * tile[side >> 1] + (side & 1);
     }
-    tile[0] &= (1u << kd->tile_bits_x) - 1;             /* of a damaged table, anything */
-    tile[1] &= (1u << kd->tile_bits_y) - 1;
-    link = envsamp__enter_tile(kd, (int)((tile[1] << kd->tile_bits_x) + tile[0]), cut, edge, 1);
+    tile[0] &= (1u << bits[0]) - 1;                     /* of a damaged table, anything */
+    tile[1] &= (1u << bits[1]) - 1;
+    link = envsamp__enter_tile(kd, (int)((tile[1] << bits[0]) + tile[0]), cut, edge, 1);
     while (link & ENVSAMP__INNER)
         link = envsamp__take_side(ENVSAMP__LINKED(envsamp__sample_node, kd, link),
-                                  envsamp__descend(kd, *place, &down, &axis), cut, edge, 1);
+                                  envsamp__descend(kd, *place, &down) & 1, cut, edge, 1);
     if (!link || !envsamp__edges_valid(kd->mapping, edge))     /* not so in a damaged table */
         return 0;
     envsamp__exact e = envsamp__dir_exact(kd->mapping, dir);
-    u[0] = envsamp__invert_between(tile[0], kd->tile_bits_x, cut, (e.x - (double)edge[0])
-                                                       / ((double)edge[1] - (double)edge[0]));
-    u[1] = envsamp__invert_between(tile[1], kd->tile_bits_y, cut + 2,
-                                   envsamp__exact_between(e, edge[2], edge[3]));
+    const double f[2] = { (e.x - (double)edge[0]) / ((double)edge[1] - (double)edge[0]),
+                          envsamp__exact_between(e, edge[2], edge[3]) };
+    for (int i = 0; i < 2; i++) {
+        double scale = 1.0 / (double)(1u << bits[i]), low = (double)tile[i] + (double)cut[2 * i];
+        double high = (double)tile[i] + (double)cut[2 * i + 1];
+        uint32_t end = envsamp__float_bits((float)(high * scale));      /* is of the next block */
+
+        u[i] = envsamp__at_most((float)((low + envsamp__clamp(f[i], 0.0, 1.0) * (high - low))
+                                        * scale), envsamp__bits_float(end - (end > 0)));
+    }
     return 1;
 }
 
@@ -5647,22 +5588,17 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_info(const envsamp_kd *kd, envsamp_kd_
    is the first on the higher side of a cut. */
 static void envsamp__warp_block(const envsamp_kd *kd, uint32_t number, float *cut, float *edge)
 {
-    uint32_t tile = 0, past = envsamp__tile_count(kd), target = 0, next;
+    const envsamp__record *record = ENVSAMP__RECORDS(kd);
+    uint32_t tiles = envsamp__tile_count(kd), tile = number < tiles ? number : 0, target = 0;
 
-    if (number < past) {
-        tile = number;
-    } else {                            /* the last tile with a link to the cut or one before */
-        target = envsamp__cut_link(kd, number - past);
-        while (past - tile > 1) {
-            uint32_t middle = tile + (past - tile) / 2;
+    if (number >= tiles) {              /* the last tile with a link to the cut or one before */
+        target = envsamp__cut_link(kd, number - tiles);
+        for (uint32_t step = tiles / 2; step > 0; step /= 2) {
+            uint32_t next = tile + step;
 
-            for (next = middle; next < past; next++)
-                if (ENVSAMP__RECORDS(kd)[next].link & ENVSAMP__INNER)
-                    break;
-            if (next < past && ENVSAMP__RECORDS(kd)[next].link <= target)
-                tile = next;
-            else
-                past = middle;
+            while (next < tiles && !(record[next].link & ENVSAMP__INNER))
+                next++;
+            tile += next < tiles && record[next].link <= target ? step : 0;
         }
     }
     uint32_t link = envsamp__enter_tile(kd, (int)tile, cut, edge, 1);
@@ -5689,11 +5625,13 @@ ENVSAMP_DEF envsamp_result envsamp_kd_get_block(const envsamp_kd *kd, int number
     else
         pdf = envsamp__bits_float(envsamp__enter_tile(kd, number, cut, edge, 1));
     double sr = envsamp__max(envsamp__edges_sr(kd->mapping, edge), 0.0);    /* of a damaged table */
-    envsamp__polar_pair top = envsamp__edge_pair(edge[2]), end = envsamp__edge_pair(edge[3]);
-    block->uv_min[0] = edge[0];
-    block->uv_min[1] = envsamp__polar_v(kd->mapping, top.north, top.south);
-    block->uv_max[0] = edge[1];
-    block->uv_max[1] = envsamp__polar_v(kd->mapping, end.north, end.south);
+    for (int i = 0; i < 2; i++) {
+        float *uv = i ? block->uv_max : block->uv_min;
+        envsamp__polar_pair row = envsamp__edge_pair(edge[2 + i]);
+
+        uv[0] = edge[i];
+        uv[1] = envsamp__polar_v(kd->mapping, row.north, row.south);
+    }
     if (block->uv_min[1] >= block->uv_max[1]) {     /* thinner than v in floats tells */
         block->uv_min[1] = envsamp__clamp_unit(block->uv_min[1]);
         block->uv_max[1] = envsamp__bits_float(envsamp__float_bits(block->uv_min[1]) + 1);
