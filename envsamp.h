@@ -6883,12 +6883,14 @@ typedef struct envsamp__mover {
     float axis[3];              /* its direction, */
     float next[3];              /* the same after a step, without momentum, or on a texel, */
     float best[3];              /* and where the energy was least */
-    int held;                   /* pieces that are nearest to it, */
-    envsamp__patch sum;         /* and their sums */
+    envsamp__patch sum;         /* of the pieces that are nearest to it, */
+    int held;                   /* and how many these are, as it was when one was last sent; */
+    int piece;                  /* that of them with most work, */
+    double most;                /* and how much that is; also cosine of its nearest texel */
     double weight, best_weight; /* now, and where the energy was least */
     double toward[3];           /* sum of share x direction / chord over the pieces, */
     double chord, lights_chord; /* and of share x chord, over the pieces and over the lights; also
-                                   work, and cosine of a texel */
+                                   work */
     int tried;                  /* another was sent to it in vain */
 } envsamp__mover;
 
@@ -7378,8 +7380,6 @@ static void envsamp__take_pieces(envsamp__lights *l, int k)
         for (int c = 0; c < ENVSAMP__POINTS && i + c < l->count; c++)
             if (square[c] < l->reach[i + c]) {
                 l->reach[i + c] = square[c];
-                l->movers[l->regions[i + c].light].held--;
-                l->movers[k].held++;
                 l->regions[i + c].light = k;
             }
     }
@@ -7389,9 +7389,6 @@ static void envsamp__take_pieces(envsamp__lights *l, int k)
    farther away than they can be. */
 static void envsamp__assign_pieces(envsamp__lights *l, int lights)
 {
-    for (int k = 0; k < l->made; k++)
-        l->movers[k].held = 0;
-    l->movers[0].held = l->count;
     for (int i = 0; i < l->count; i++) {
         l->regions[i].light = 0;
         l->reach[i] = 5.0f;
@@ -7413,51 +7410,50 @@ static void envsamp__put_light(envsamp__lights *l, int k, int piece)
    0 if there is none. */
 static int envsamp__send_light(envsamp__lights *l, int sent, int trial)
 {
-    envsamp__mover *m = l->movers;
-    double most = -1.0;
-    int busy = -1, at = -1;
+    envsamp__mover *m = l->movers, *busy = NULL;
 
-    for (int k = 0; k < l->made; k++)
+    for (int k = 0; k < l->made; k++) {
+        m[k].held = 0;
         m[k].chord = 0.0;
-    for (int i = 0; i < l->count; i++)
-        m[l->regions[i].light].chord += l->regions[i].sum.luminance
-                                        * (double)ENVSAMP_SQRTF(l->reach[i]);
-    for (int k = 0; k < l->made; k++)
-        if (!(trial && (k == sent || m[k].tried)) && m[k].held > 1
-            && m[k].weight * m[k].chord > most) {
-            most = m[k].weight * m[k].chord;
-            busy = k;
-        }
-    most = -1.0;
+        m[k].most = -1.0;
+    }
     for (int i = 0; i < l->count; i++) {
+        envsamp__mover *holder = &m[l->regions[i].light];
         double work = l->regions[i].sum.luminance * (double)ENVSAMP_SQRTF(l->reach[i]);
 
-        if (l->regions[i].light == busy && work > most) {
-            most = work;
-            at = i;
-        }
+        holder->held++;
+        holder->chord += work;
+        holder->piece = work > holder->most ? i : holder->piece;
+        holder->most = envsamp__max(work, holder->most);
     }
-    if (at < 0)
+    for (int k = 0; k < l->made; k++)
+        if (!(trial && (k == sent || m[k].tried)) && m[k].held > 1
+            && (!busy || m[k].weight * m[k].chord > busy->weight * busy->chord))
+            busy = &m[k];
+    if (!busy)
         return 0;
     if (trial)
-        m[busy].tried = 1;
-    envsamp__put_light(l, sent, at);
+        busy->tried = 1;
+    envsamp__put_light(l, sent, busy->piece);
     return 1;
 }
 
 /* Sums the pieces of every light, and makes its weight their share. A light that holds none first
-   goes to where another has most to do. */
+   goes to where another has most to do, which may leave another none. */
 static void envsamp__sum_pieces(envsamp__lights *l)
 {
     envsamp__mover *m = l->movers;
+    int k;
 
-    for (int k = 0; k < l->made; )      /* one that is sent may leave another none */
-        k = m[k].held == 0 && envsamp__send_light(l, k, 0) ? 0 : k + 1;
-    for (int k = 0; k < l->made; k++)
-        ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
-    for (int i = 0; i < l->count; i++)
-        envsamp__add_patch(&l->regions[i].sum, &m[l->regions[i].light].sum);
-    for (int k = 0; k < l->made; k++)
+    do {
+        for (k = 0; k < l->made; k++)
+            ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
+        for (int i = 0; i < l->count; i++)
+            envsamp__add_patch(&l->regions[i].sum, &m[l->regions[i].light].sum);
+        for (k = 0; k < l->made && m[k].sum.luminance > 0.0; k++)
+            continue;
+    } while (k < l->made && envsamp__send_light(l, k, 0));
+    for (k = 0; k < l->made; k++)
         m[k].weight = m[k].sum.luminance / l->total.luminance;
 }
 
@@ -7627,13 +7623,27 @@ static void envsamp__move_lights(envsamp__lights *l, int rounds)
     }
 }
 
-/* Moves the lights to where their energy is least of all that is tried. It never rises. */
-static void envsamp__improve_lights(envsamp__lights *l, int rounds)
+/* Makes relaxed lights. They start where the others have most to do, one after the other, and move
+   to where their energy is least of all that is tried, at first where Lloyd's relaxation leads. */
+static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
 {
-    int now = ENVSAMP__MOVE_ROUNDS;
-
+    envsamp__make_pieces(l);
+    int made = envsamp__min(l->desc->count, l->count);
+    int most = made < l->count ? ENVSAMP__DISTANCES_MAX / (l->count * made) : 0;
+    int rounds = envsamp__min(l->desc->refine_rounds, most), now = ENVSAMP__MOVE_ROUNDS;
+    ENVSAMP_MEMSET(l->places, 0, ENVSAMP__POINT_GROUPS(made) * sizeof *l->places);
+    envsamp__assign_pieces(l, 0);
+    for (int k = 0; k < made; k++) {
+        l->made = envsamp__max_int(k, 1);
+        l->movers[k].weight = 1.0;
+        if (!envsamp__send_light(l, k, 0))      /* there is one piece */
+            envsamp__put_light(l, k, 0);
+    }
+    l->made = made;
+    envsamp__relax(l, 1);
     l->energy = DBL_MAX;
-    envsamp__move_lights(l, 0);
+    if (most > 0)
+        envsamp__move_lights(l, 0);
     if (rounds > 0)
         envsamp__relax(l, ENVSAMP__RELAX_ROUNDS);
     while (rounds > 0) {
@@ -7641,44 +7651,22 @@ static void envsamp__improve_lights(envsamp__lights *l, int rounds)
 
         envsamp__move_lights(l, envsamp__min(now, rounds));
         rounds -= now;
-        for (int k = 1; k < l->made; k++)
+        for (int k = 1; k < made; k++)
             idle = l->movers[k].weight < l->movers[idle].weight ? k : idle;
-        envsamp__assign_pieces(l, l->made);
+        envsamp__assign_pieces(l, made);
         now = rounds > 0 && envsamp__send_light(l, idle, 1) ? ENVSAMP__TRIAL_ROUNDS : rounds;
     }
-}
-
-/* Makes relaxed lights. They start where the others have most to do, one after the other. */
-static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
-{
-    const double *integral = l->total.rgb;
-
-    envsamp__make_pieces(l);
-    int made = envsamp__min(l->desc->count, l->count);
-    int most = made < l->count ? ENVSAMP__DISTANCES_MAX / (l->count * made) : 0;
-    ENVSAMP_MEMSET(l->places, 0, ENVSAMP__POINT_GROUPS(made) * sizeof *l->places);
-    envsamp__assign_pieces(l, 0);
-    for (int k = 0; k < made; k++) {
-        l->made = envsamp__max_int(k, 1);
-        l->movers[k].weight = 1.0;
-        if (!envsamp__send_light(l, k, 0))
-            envsamp__put_light(l, k, 0);
-    }
-    l->made = made;
-    envsamp__relax(l, 1);
-    if (most > 0) {
-        envsamp__improve_lights(l, envsamp__min(l->desc->refine_rounds, most));
-        envsamp__assign_pieces(l, made);
-        envsamp__sum_pieces(l);
-    }
+    envsamp__sum_pieces(l);
     for (int k = 0; k < made; k++)
         envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
     for (int c = 0; c < 3 && most > 0; c++) {
-        envsamp__fill_points(l, c, integral[c]);
+        double integral = l->total.rgb[c];
+
+        envsamp__fill_points(l, c, integral);
         envsamp__weigh_lights(l, envsamp__min(ENVSAMP__WEIGH_SWEEPS,
                                               ENVSAMP__DISTANCES_MAX / (made * made)));
         for (int k = 0; k < made; k++)
-            lights[k].irradiance[c] = envsamp__to_float(l->movers[k].weight * integral[c]);
+            lights[k].irradiance[c] = envsamp__to_float(l->movers[k].weight * integral);
     }
 }
 
@@ -7822,7 +7810,7 @@ static void envsamp__place_directs(envsamp__lights *l)
         farthest = envsamp__clamp(2.0 * cosine * cosine - 1.0, -1.0,
                                   1.0 - 1e-6);      /* a texel is not far from itself */
     for (int k = 0; k < l->made; k++) {
-        l->movers[k].chord = -2.0;
+        l->movers[k].most = -2.0;
         ENVSAMP_MEMSET(&l->movers[k].sum, 0, sizeof l->movers[k].sum);
     }
     for (int pass = 0; pass < 2; pass++) {
@@ -7837,8 +7825,8 @@ static void envsamp__place_directs(envsamp__lights *l)
                         continue;
                     envsamp__map_dir(l, 2 * x + 1, 2 * y + 1, dir);
                     cosine = envsamp__dot(dir, axis, 3);
-                    if (pass == 0 && cosine > m->chord) {
-                        m->chord = cosine;
+                    if (pass == 0 && cosine > m->most) {
+                        m->most = cosine;
                         envsamp__normalise(dir, m->next);
                     } else if (pass == 1 && cosine < farthest) {
                         l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] = ENVSAMP__DIM;
