@@ -6478,9 +6478,9 @@ typedef struct envsamp__tap { signed char across, below, parts; } envsamp__tap;
 typedef struct envsamp__halftone {
     const envsamp_image *image;
     const double *row_sr;       /* solid angle of a texel of each row; NULL: 1 */
-    envsamp_halftone_desc desc;
+    envsamp_halftone_desc desc; /* count: no more than can be chosen; once: not with RANDOM */
     envsamp_texel *texels;
-    int wanted, chosen, once;
+    int chosen;
     int64_t lit;                /* with `once`: texels above zero that are still to come */
     double total;               /* S */
     double error;               /* importance that was passed and not yet chosen */
@@ -6489,13 +6489,11 @@ typedef struct envsamp__halftone {
     int across, down;           /* cells */
     int cell, strip, step;      /* where the scan is in which row of cells, and its direction */
     int x0, x1, y0, y1;         /* texels of the cell */
-    double mass;                /* of the cell */
     double *sum;                /* importance of every column of the strip, */
     int *lit_count;             /* and how many of its texels are above zero */
     double *waiting;            /* errors for cells of this row of them and the next, in turns */
     int rows;                   /* of these, by the kernel; 0: all of an error goes ahead */
-    const envsamp__tap *tap;    /* tap_count of them */
-    int tap_count;
+    const envsamp__tap *tap;    /* one of 0 parts after the last */
 } envsamp__halftone;
 
 /* Entry `number` of a sequence of random numbers in (0, 1): a bijection of 32 bits twice, which
@@ -6566,8 +6564,8 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
     value *= h->row_sr ? h->row_sr[y] : 1.0;
     h->error += value;
     h->lit--;
-    while (h->chosen < h->wanted
-           && (h->error > h->threshold || (h->once && h->lit < h->wanted - h->chosen))) {
+    while (h->chosen < h->desc.count
+           && (h->error > h->threshold || (h->desc.once && h->lit < h->desc.count - h->chosen))) {
         envsamp_texel texel = { x, y, (float)envsamp__max(value / h->total, (double)FLT_MIN) };
 
         h->texels[h->chosen++] = texel;
@@ -6575,7 +6573,7 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
         if (h->log_unit < 0.0)
             h->quantum = h->threshold = h->log_unit * envsamp__log2(
                 envsamp__random(h->desc.seed, (uint32_t)h->chosen));
-        if (h->once)
+        if (h->desc.once)
             break;
     }
 }
@@ -6590,7 +6588,7 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
         int x = step > 0 ? h->x0 + i : h->x1 - 1 - i;
 
         if (y1 - y0 < h->y1 - h->y0 || h->error + h->sum[x] > h->threshold
-            || (h->once && h->lit - h->lit_count[x] < h->wanted - h->chosen)) {
+            || (h->desc.once && h->lit - h->lit_count[x] < h->desc.count - h->chosen)) {
             for (int y = y0; y < y1; y++)
                 envsamp__walk_texel(h, x, (i + h->strip) & 1 ? y0 + y1 - 1 - y : y);
         } else {                /* a whole column of which none is chosen */
@@ -6636,23 +6634,24 @@ static double *envsamp__waiting(const envsamp__halftone *h, int below)
 }
 
 /* Sends the error of a texel on. Shares that would leave the map go to the others. */
-static void envsamp__diffuse(envsamp__halftone *h)
+static void envsamp__diffuse(envsamp__halftone *h, double importance)
 {
     double share[ENVSAMP__TAPS], *to[ENVSAMP__TAPS], sum = 0.0;
+    int count = 0;
 
-    for (int i = 0; i < h->tap_count; i++)
-        share[i] = (double)h->tap[i].parts;
     if (h->desc.kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
-        envsamp__ostromoukhov_shares(h->mass / h->quantum, share);
-    for (int i = 0; i < h->tap_count; i++) {
-        int x = h->cell + h->step * h->tap[i].across;
+        envsamp__ostromoukhov_shares(importance / h->quantum, share);
+    for (; h->tap[count].parts; count++) {
+        int x = h->cell + h->step * h->tap[count].across, below = h->tap[count].below;
 
-        int inside = x >= 0 && x < h->across && h->strip + h->tap[i].below < h->down;
-        to[i] = inside ? envsamp__waiting(h, h->tap[i].below) + x : NULL;
-        sum += inside ? share[i] : 0.0;
+        if (h->desc.kernel != ENVSAMP_KERNEL_OSTROMOUKHOV)
+            share[count] = (double)h->tap[count].parts;
+        to[count] = x >= 0 && x < h->across && h->strip + below < h->down
+                  ? envsamp__waiting(h, below) + x : NULL;
+        sum += to[count] ? share[count] : 0.0;
     }
     double scale = sum > 0.0 ? h->error / sum : 0.0;    /* after the last one none is left */
-    for (int i = 0; i < h->tap_count; i++)
+    for (int i = 0; i < count; i++)
         if (to[i])
             *to[i] += scale * share[i];
     h->error = 0.0;
@@ -6670,16 +6669,16 @@ static void envsamp__walk_strip(envsamp__halftone *h)
     int height = h->y1 - h->y0;
     envsamp__sum_columns(h, h->y0, h->y1);
     for (int i = 0; i < h->across; i++) {
+        double mass = 0.0;
         int bands = 1;
 
         h->cell = h->step > 0 ? i : h->across - 1 - i;
         h->x0 = envsamp__share_edge(h->cell, h->across, image->width);
         h->x1 = envsamp__share_edge(h->cell + 1, h->across, image->width);
-        h->mass = 0.0;
         for (int x = h->x0; x < h->x1; x++)
-            h->mass += h->sum[x];
-        if (h->mass >= 2.0 * h->quantum && !(h->log_unit < 0.0)) {
-            bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * h->mass / h->quantum),
+            mass += h->sum[x];
+        if (mass >= 2.0 * h->quantum && !(h->log_unit < 0.0)) {
+            bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * mass / h->quantum),
                                                  (double)height) + 1;
             bands = envsamp__min(bands, height - !(height & 1));
         }
@@ -6690,7 +6689,7 @@ static void envsamp__walk_strip(envsamp__halftone *h)
                                h->y0 + envsamp__share_edge(band, bands, height),
                                h->y0 + envsamp__share_edge(band + 1, bands, height));
         if (h->rows)
-            envsamp__diffuse(h);
+            envsamp__diffuse(h, mass);
     }
     if (h->rows)
         ENVSAMP_MEMSET(envsamp__waiting(h, 0), 0, (size_t)h->across * sizeof(double));
@@ -6702,7 +6701,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
                                     const envsamp_image *image, const double *row_sr,
                                     envsamp__arena *arena)
 {
-    static const envsamp__tap taps[][ENVSAMP__TAPS] = {
+    static const envsamp__tap taps[][ENVSAMP__TAPS + 1] = {
         { { 1, 0, 3 }, { 0, 1, 3 }, { 1, 1, 2 } },
         { { 1, 0, 7 }, { -1, 1, 3 }, { 0, 1, 5 }, { 1, 1, 1 } },
         { { 1, 0, 7 }, { 2, 0, 5 },
@@ -6720,17 +6719,15 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     h->image = image;
     h->row_sr = row_sr;
     h->desc = *desc;
-    h->wanted = desc->count;
-    h->once = desc->once && !random;
+    h->desc.once = desc->once && !random;
     if (random) {
         side = 16.0;
     } else if (desc->scan == ENVSAMP_SCAN_CELLS) {
         side = envsamp__max(ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count)), 1.0);
     } else {
         h->tap = taps[desc->kernel];
-        while (h->tap_count < ENVSAMP__TAPS && h->tap[h->tap_count].parts)
-            h->tap_count++;
-        h->rows = 1 + h->tap[h->tap_count - 1].below;
+        for (int i = 0; h->tap[i].parts; i++)
+            h->rows = 1 + h->tap[i].below;
     }
     h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
     h->down = envsamp__max_int((int)(height / side), 1);
@@ -6746,19 +6743,19 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
 static void envsamp__halftone_scan(envsamp__halftone *h)
 {
     ENVSAMP_MEMSET(h->waiting, 0, (size_t)(h->rows * h->across) * sizeof(double));
-    h->quantum = h->total / (double)h->wanted;
+    h->quantum = h->total / (double)h->desc.count;
     h->threshold = 0.5 * h->quantum;
     if (h->desc.kernel == ENVSAMP_KERNEL_RANDOM) {
         double sum = 0.0;
 
-        for (int i = 0; i <= h->wanted; i++)
+        for (int i = 0; i <= h->desc.count; i++)
             sum += envsamp__log2(envsamp__random(h->desc.seed, (uint32_t)i));
         h->log_unit = h->total / sum;
         h->quantum = h->threshold = h->log_unit * envsamp__log2(envsamp__random(h->desc.seed, 0));
     } else if (h->desc.seed) {
         h->error = (envsamp__random(h->desc.seed, 0) - 0.5) * h->quantum;
     }
-    for (h->strip = 0; h->strip < h->down && h->chosen < h->wanted; h->strip++) {
+    for (h->strip = 0; h->strip < h->down && h->chosen < h->desc.count; h->strip++) {
         h->step = h->strip % 2 ? -1 : 1;
         envsamp__walk_strip(h);
     }
@@ -6766,7 +6763,7 @@ static void envsamp__halftone_scan(envsamp__halftone *h)
     for (int y = h->image->height - 1; y >= 0 && h->chosen == 0; y--)
         for (int x = 0; x < h->image->width && h->chosen == 0; x++)
             envsamp__walk_texel(h, x, y);
-    for (; h->chosen < h->wanted; h->chosen++)
+    for (; h->chosen < h->desc.count; h->chosen++)
         h->texels[h->chosen] = h->texels[h->chosen - 1];
 }
 
@@ -6827,11 +6824,11 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     }
     if (!(h.total > 0.0))
         return ENVSAMP_ERR_BLACK;
-    if (desc->once && h.lit < h.wanted)
-        h.wanted = (int)h.lit;
+    if (desc->once && h.lit < desc->count)
+        h.desc.count = (int)h.lit;
     h.texels = texels;
     envsamp__halftone_scan(&h);
-    *count = h.wanted;
+    *count = h.desc.count;
     return ENVSAMP_OK;
 }
 
