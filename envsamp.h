@@ -6742,6 +6742,8 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
    spacings over the sum of one more [14]. */
 static void envsamp__halftone_scan(envsamp__halftone *h)
 {
+    double start = envsamp__random(h->desc.seed, 0);
+
     ENVSAMP_MEMSET(h->waiting, 0, (size_t)(h->rows * h->across) * sizeof(double));
     h->quantum = h->total / (double)h->desc.count;
     h->threshold = 0.5 * h->quantum;
@@ -6751,9 +6753,9 @@ static void envsamp__halftone_scan(envsamp__halftone *h)
         for (int i = 0; i <= h->desc.count; i++)
             sum += envsamp__log2(envsamp__random(h->desc.seed, (uint32_t)i));
         h->log_unit = h->total / sum;
-        h->quantum = h->threshold = h->log_unit * envsamp__log2(envsamp__random(h->desc.seed, 0));
+        h->quantum = h->threshold = h->log_unit * envsamp__log2(start);
     } else if (h->desc.seed) {
-        h->error = (envsamp__random(h->desc.seed, 0) - 0.5) * h->quantum;
+        h->error = (start - 0.5) * h->quantum;
     }
     for (h->strip = 0; h->strip < h->down && h->chosen < h->desc.count; h->strip++) {
         h->step = h->strip % 2 ? -1 : 1;
@@ -7198,9 +7200,9 @@ static void envsamp__add_run(const envsamp__lights *l, const float *from, int x,
     patch->sr += sr * (double)count;
 }
 
-/* Sums the texels of a label over patches, and all of them into one region; returns how many pixels
-   are bad. */
-static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_lights_method rule)
+/* Sums the texels of a label over patches, and all of them into one region, which is cut as the
+   method says, where they are emissive as in RELAXED; returns how many pixels are bad. */
+static size_t envsamp__begin_regions(envsamp__lights *l, int label)
 {
     const envsamp_image *image = l->image;
     float mended[4 * ENVSAMP__CHUNK];
@@ -7208,7 +7210,7 @@ static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_ligh
     size_t bad = 0;
 
     l->label = label;
-    l->rule = rule;
+    l->rule = label == ENVSAMP__EMISSIVE ? ENVSAMP_LIGHTS_RELAXED : l->desc->method;
     ENVSAMP_MEMSET(l->patches, 0, (size_t)(l->across * l->down) * sizeof *l->patches);
     ENVSAMP_MEMSET(&sum, 0, sizeof sum);
     for (int y = 0; y < image->height; y++)
@@ -7847,8 +7849,7 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
                          (double)l->desc->weight_energy };
     int due = 1;
 
-    envsamp__begin_regions(l, l->made > 0 ? ENVSAMP__DIM : ENVSAMP__ANY,
-                           ENVSAMP_LIGHTS_DECOMPOSED);
+    envsamp__begin_regions(l, l->made > 0 ? ENVSAMP__DIM : ENVSAMP__ANY);
     while (l->count < count && l->heap.entries->key >= 0.0) {
         if (l->count >= due) {
             double most[3] = { 0.0, 0.0, 0.0 }, term[3];
@@ -7883,7 +7884,7 @@ static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
         l->made = envsamp__min(l->made, count - 1);
     }
     if (l->made > 0) {
-        envsamp__begin_regions(l, ENVSAMP__EMISSIVE, ENVSAMP_LIGHTS_RELAXED);
+        envsamp__begin_regions(l, ENVSAMP__EMISSIVE);
         envsamp__make_pieces(l);
         l->made = envsamp__draw_directs(l, envsamp__min(l->made, l->count));
         envsamp__relax(l, l->desc->refine_rounds);
@@ -8108,7 +8109,7 @@ static envsamp_result envsamp__lights_begin(envsamp__lights *l, const envsamp_im
     envsamp__fill_angles(l);
     l->info.count = desc->count;
     l->info.bad_pixel_count = l->labels ? envsamp__find_emission(l)
-                                        : envsamp__begin_regions(l, ENVSAMP__ANY, desc->method);
+                                        : envsamp__begin_regions(l, ENVSAMP__ANY);
     if (desc->strict && l->info.bad_pixel_count)
         return ENVSAMP_ERR_VALUE;
     return l->total.luminance + l->light[0] + l->light[1] > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
