@@ -967,6 +967,11 @@ extern "C" {
 #define ENVSAMP__HOT ENVSAMP_DEVICE static inline
 #endif
 #define ENVSAMP__MATH ENVSAMP_DEVICE static inline
+#ifdef __GNUC__                 /* called from many places, none of them hot: one copy */
+#define ENVSAMP__COLD static __attribute__((noinline, unused))
+#else
+#define ENVSAMP__COLD static inline
+#endif
 
 #define ENVSAMP__PI 3.14159265358979323846
 #define ENVSAMP__UNIT 16777216.0f                   /* 2^24: a float u has that many values */
@@ -1280,7 +1285,7 @@ ENVSAMP_DEVICE static double envsamp__exp2(double x)
          + f * (1.0 / 3628800 + f * (1.0 / 39916800 + f * (1.0 / 479001600)))))))))))));
 }
 
-static inline double envsamp__dot(const double *a, const double *b, int count)
+ENVSAMP__COLD double envsamp__dot(const double *a, const double *b, int count)
 {
     double sum = 0.0;
 
@@ -1357,7 +1362,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_ot
 /* Hands out pieces of a buffer, or, without one, only counts their bytes. */
 typedef struct envsamp__arena { char *base; uint64_t used; } envsamp__arena;
 
-static void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
+ENVSAMP__COLD void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
 {
     uint64_t at = arena->used;
 
@@ -6498,7 +6503,7 @@ typedef struct envsamp__halftone {
 
 /* Entry `number` of a sequence of random numbers in (0, 1): a bijection of 32 bits twice, which
    flips about half of them for each that changes. */
-static double envsamp__random(uint32_t seed, uint32_t number)
+ENVSAMP__COLD double envsamp__random(uint32_t seed, uint32_t number)
 {
     uint32_t x = seed;
 
