@@ -7817,11 +7817,12 @@ static void envsamp__place_directs(envsamp__lights *l)
         l->movers[k].most = -2.0;
         ENVSAMP_MEMSET(&l->movers[k].sum, 0, sizeof l->movers[k].sum);
     }
-    for (int pass = 0; pass < 2; pass++) {
+    for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < l->count; i++) {
             const envsamp__region *piece = &l->regions[i];
             envsamp__mover *m = &l->movers[piece->light];
-            double axis[3] = { (double)m->axis[0], (double)m->axis[1], (double)m->axis[2] };
+            const float *from = pass ? m->next : m->axis;
+            double axis[3] = { (double)from[0], (double)from[1], (double)from[2] };
 
             for (int y = piece->y0; y < piece->y1; y++)
                 for (int x = piece->x0; x < piece->x1; x++) {
@@ -7839,9 +7840,6 @@ static void envsamp__place_directs(envsamp__lights *l)
                     }
                 }
         }
-        for (int k = 0; k < l->made && pass == 0; k++)
-            ENVSAMP_MEMCPY(l->movers[k].axis, l->movers[k].next, sizeof l->movers[k].axis);
-    }
 }
 
 /* ---- EnvIndirects ---- */
@@ -7896,7 +7894,7 @@ static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
         envsamp__place_directs(l);
     }
     for (int k = 0; k < l->made; k++) {
-        envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
+        envsamp__set_light(&l->movers[k].sum, l->movers[k].next, 1, &lights[k]);
         lights[k].direct = 1;
     }
     l->info.direct_count = lit ? l->made : count;
@@ -8030,11 +8028,10 @@ static void envsamp__balance_lights(const envsamp__lights *l, envsamp_light *lig
 
         for (int i = 0; i < count; i++)
             sum += (double)lights[i].irradiance[c];
-        double scale = sum > 0.0 ? integral / sum : 1.0;
-        double plus = sum > 0.0 ? 0.0 : integral / (double)count;
+        double scale = integral / (sum > 0.0 ? sum : (double)count);
         for (int i = 0; i < count; i++)
-            lights[i].irradiance[c] = envsamp__to_float((double)lights[i].irradiance[c] * scale
-                                                        + plus);
+            lights[i].irradiance[c] = envsamp__to_float(
+                scale * (sum > 0.0 ? (double)lights[i].irradiance[c] : 1.0));
     }
 }
 
