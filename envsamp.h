@@ -967,6 +967,11 @@ extern "C" {
 #define ENVSAMP__HOT ENVSAMP_DEVICE static inline
 #endif
 #define ENVSAMP__MATH ENVSAMP_DEVICE static inline
+#ifdef __GNUC__                 /* called from many places, none of them hot: one copy */
+#define ENVSAMP__COLD static __attribute__((noinline, unused))
+#else
+#define ENVSAMP__COLD static inline
+#endif
 
 #define ENVSAMP__PI 3.14159265358979323846
 #define ENVSAMP__UNIT 16777216.0f                   /* 2^24: a float u has that many values */
@@ -1280,7 +1285,7 @@ ENVSAMP_DEVICE static double envsamp__exp2(double x)
          + f * (1.0 / 3628800 + f * (1.0 / 39916800 + f * (1.0 / 479001600)))))))))))));
 }
 
-static inline double envsamp__dot(const double *a, const double *b, int count)
+ENVSAMP__COLD double envsamp__dot(const double *a, const double *b, int count)
 {
     double sum = 0.0;
 
@@ -1357,7 +1362,7 @@ ENVSAMP_DEVICE ENVSAMP_DEF float envsamp_mis_power(float pdf_taken, float pdf_ot
 /* Hands out pieces of a buffer, or, without one, only counts their bytes. */
 typedef struct envsamp__arena { char *base; uint64_t used; } envsamp__arena;
 
-static void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
+ENVSAMP__COLD void *envsamp__take(envsamp__arena *arena, uint64_t count, size_t size)
 {
     uint64_t at = arena->used;
 
@@ -6417,9 +6422,9 @@ typedef struct envsamp__tap { signed char across, below, parts; } envsamp__tap;
 typedef struct envsamp__halftone {
     const envsamp_image *image;
     const double *row_sr;       /* solid angle of a texel of each row; NULL: 1 */
-    envsamp_halftone_desc desc;
+    envsamp_halftone_desc desc; /* count: no more than can be chosen; once: not with RANDOM */
     envsamp_texel *texels;
-    int wanted, chosen, once;
+    int chosen;
     int64_t lit;                /* with `once`: texels above zero that are still to come */
     double total;               /* S */
     double error;               /* importance that was passed and not yet chosen */
@@ -6428,18 +6433,16 @@ typedef struct envsamp__halftone {
     int across, down;           /* cells */
     int cell, strip, step;      /* where the scan is in which row of cells, and its direction */
     int x0, x1, y0, y1;         /* texels of the cell */
-    double mass;                /* of the cell */
     double *sum;                /* importance of every column of the strip, */
     int *lit_count;             /* and how many of its texels are above zero */
     double *waiting;            /* errors for cells of this row of them and the next, in turns */
     int rows;                   /* of these, by the kernel; 0: all of an error goes ahead */
-    const envsamp__tap *tap;    /* tap_count of them */
-    int tap_count;
+    const envsamp__tap *tap;    /* one of 0 parts after the last */
 } envsamp__halftone;
 
 /* Entry `number` of a sequence of random numbers in (0, 1): a bijection of 32 bits twice, which
    flips about half of them for each that changes. */
-static double envsamp__random(uint32_t seed, uint32_t number)
+ENVSAMP__COLD double envsamp__random(uint32_t seed, uint32_t number)
 {
     uint32_t x = seed;
 
@@ -6505,8 +6508,8 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
     value *= h->row_sr ? h->row_sr[y] : 1.0;
     h->error += value;
     h->lit--;
-    while (h->chosen < h->wanted
-           && (h->error > h->threshold || (h->once && h->lit < h->wanted - h->chosen))) {
+    while (h->chosen < h->desc.count
+           && (h->error > h->threshold || (h->desc.once && h->lit < h->desc.count - h->chosen))) {
         envsamp_texel texel = { x, y, (float)envsamp__max(value / h->total, (double)FLT_MIN) };
 
         h->texels[h->chosen++] = texel;
@@ -6514,7 +6517,7 @@ static void envsamp__walk_texel(envsamp__halftone *h, int x, int y)
         if (h->log_unit < 0.0)
             h->quantum = h->threshold = h->log_unit * envsamp__log2(
                 envsamp__random(h->desc.seed, (uint32_t)h->chosen));
-        if (h->once)
+        if (h->desc.once)
             break;
     }
 }
@@ -6529,7 +6532,7 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
         int x = step > 0 ? h->x0 + i : h->x1 - 1 - i;
 
         if (y1 - y0 < h->y1 - h->y0 || h->error + h->sum[x] > h->threshold
-            || (h->once && h->lit - h->lit_count[x] < h->wanted - h->chosen)) {
+            || (h->desc.once && h->lit - h->lit_count[x] < h->desc.count - h->chosen)) {
             for (int y = y0; y < y1; y++)
                 envsamp__walk_texel(h, x, (i + h->strip) & 1 ? y0 + y1 - 1 - y : y);
         } else {                /* a whole column of which none is chosen */
@@ -6575,23 +6578,24 @@ static double *envsamp__waiting(const envsamp__halftone *h, int below)
 }
 
 /* Sends the error of a texel on. Shares that would leave the map go to the others. */
-static void envsamp__diffuse(envsamp__halftone *h)
+static void envsamp__diffuse(envsamp__halftone *h, double importance)
 {
     double share[ENVSAMP__TAPS], *to[ENVSAMP__TAPS], sum = 0.0;
+    int count = 0;
 
-    for (int i = 0; i < h->tap_count; i++)
-        share[i] = (double)h->tap[i].parts;
     if (h->desc.kernel == ENVSAMP_KERNEL_OSTROMOUKHOV)
-        envsamp__ostromoukhov_shares(h->mass / h->quantum, share);
-    for (int i = 0; i < h->tap_count; i++) {
-        int x = h->cell + h->step * h->tap[i].across;
+        envsamp__ostromoukhov_shares(importance / h->quantum, share);
+    for (; h->tap[count].parts; count++) {
+        int x = h->cell + h->step * h->tap[count].across, below = h->tap[count].below;
 
-        int inside = x >= 0 && x < h->across && h->strip + h->tap[i].below < h->down;
-        to[i] = inside ? envsamp__waiting(h, h->tap[i].below) + x : NULL;
-        sum += inside ? share[i] : 0.0;
+        if (h->desc.kernel != ENVSAMP_KERNEL_OSTROMOUKHOV)
+            share[count] = (double)h->tap[count].parts;
+        to[count] = x >= 0 && x < h->across && h->strip + below < h->down
+                  ? envsamp__waiting(h, below) + x : NULL;
+        sum += to[count] ? share[count] : 0.0;
     }
     double scale = sum > 0.0 ? h->error / sum : 0.0;    /* after the last one none is left */
-    for (int i = 0; i < h->tap_count; i++)
+    for (int i = 0; i < count; i++)
         if (to[i])
             *to[i] += scale * share[i];
     h->error = 0.0;
@@ -6609,16 +6613,16 @@ static void envsamp__walk_strip(envsamp__halftone *h)
     int height = h->y1 - h->y0;
     envsamp__sum_columns(h, h->y0, h->y1);
     for (int i = 0; i < h->across; i++) {
+        double mass = 0.0;
         int bands = 1;
 
         h->cell = h->step > 0 ? i : h->across - 1 - i;
         h->x0 = envsamp__share_edge(h->cell, h->across, image->width);
         h->x1 = envsamp__share_edge(h->cell + 1, h->across, image->width);
-        h->mass = 0.0;
         for (int x = h->x0; x < h->x1; x++)
-            h->mass += h->sum[x];
-        if (h->mass >= 2.0 * h->quantum && !(h->log_unit < 0.0)) {
-            bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * h->mass / h->quantum),
+            mass += h->sum[x];
+        if (mass >= 2.0 * h->quantum && !(h->log_unit < 0.0)) {
+            bands = 2 * (int)envsamp__min_double(ENVSAMP_SQRT(0.5 * mass / h->quantum),
                                                  (double)height) + 1;
             bands = envsamp__min(bands, height - !(height & 1));
         }
@@ -6629,7 +6633,7 @@ static void envsamp__walk_strip(envsamp__halftone *h)
                                h->y0 + envsamp__share_edge(band, bands, height),
                                h->y0 + envsamp__share_edge(band + 1, bands, height));
         if (h->rows)
-            envsamp__diffuse(h);
+            envsamp__diffuse(h, mass);
     }
     if (h->rows)
         ENVSAMP_MEMSET(envsamp__waiting(h, 0), 0, (size_t)h->across * sizeof(double));
@@ -6641,7 +6645,7 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
                                     const envsamp_image *image, const double *row_sr,
                                     envsamp__arena *arena)
 {
-    static const envsamp__tap taps[][ENVSAMP__TAPS] = {
+    static const envsamp__tap taps[][ENVSAMP__TAPS + 1] = {
         { { 1, 0, 3 }, { 0, 1, 3 }, { 1, 1, 2 } },
         { { 1, 0, 7 }, { -1, 1, 3 }, { 0, 1, 5 }, { 1, 1, 1 } },
         { { 1, 0, 7 }, { 2, 0, 5 },
@@ -6659,17 +6663,15 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
     h->image = image;
     h->row_sr = row_sr;
     h->desc = *desc;
-    h->wanted = desc->count;
-    h->once = desc->once && !random;
+    h->desc.once = desc->once && !random;
     if (random) {
         side = 16.0;
     } else if (desc->scan == ENVSAMP_SCAN_CELLS) {
         side = envsamp__max(ENVSAMP_SQRT(width * height / (2.0 * (double)desc->count)), 1.0);
     } else {
         h->tap = taps[desc->kernel];
-        while (h->tap_count < ENVSAMP__TAPS && h->tap[h->tap_count].parts)
-            h->tap_count++;
-        h->rows = 1 + h->tap[h->tap_count - 1].below;
+        for (int i = 0; h->tap[i].parts; i++)
+            h->rows = 1 + h->tap[i].below;
     }
     h->across = random ? 1 : envsamp__max_int((int)(width / side), 1);
     h->down = envsamp__max_int((int)(height / side), 1);
@@ -6684,20 +6686,22 @@ static void envsamp__halftone_carve(envsamp__halftone *h, const envsamp_halftone
    spacings over the sum of one more [14]. */
 static void envsamp__halftone_scan(envsamp__halftone *h)
 {
+    double start = envsamp__random(h->desc.seed, 0);
+
     ENVSAMP_MEMSET(h->waiting, 0, (size_t)(h->rows * h->across) * sizeof(double));
-    h->quantum = h->total / (double)h->wanted;
+    h->quantum = h->total / (double)h->desc.count;
     h->threshold = 0.5 * h->quantum;
     if (h->desc.kernel == ENVSAMP_KERNEL_RANDOM) {
         double sum = 0.0;
 
-        for (int i = 0; i <= h->wanted; i++)
+        for (int i = 0; i <= h->desc.count; i++)
             sum += envsamp__log2(envsamp__random(h->desc.seed, (uint32_t)i));
         h->log_unit = h->total / sum;
-        h->quantum = h->threshold = h->log_unit * envsamp__log2(envsamp__random(h->desc.seed, 0));
+        h->quantum = h->threshold = h->log_unit * envsamp__log2(start);
     } else if (h->desc.seed) {
-        h->error = (envsamp__random(h->desc.seed, 0) - 0.5) * h->quantum;
+        h->error = (start - 0.5) * h->quantum;
     }
-    for (h->strip = 0; h->strip < h->down && h->chosen < h->wanted; h->strip++) {
+    for (h->strip = 0; h->strip < h->down && h->chosen < h->desc.count; h->strip++) {
         h->step = h->strip % 2 ? -1 : 1;
         envsamp__walk_strip(h);
     }
@@ -6705,7 +6709,7 @@ static void envsamp__halftone_scan(envsamp__halftone *h)
     for (int y = h->image->height - 1; y >= 0 && h->chosen == 0; y--)
         for (int x = 0; x < h->image->width && h->chosen == 0; x++)
             envsamp__walk_texel(h, x, y);
-    for (; h->chosen < h->wanted; h->chosen++)
+    for (; h->chosen < h->desc.count; h->chosen++)
         h->texels[h->chosen] = h->texels[h->chosen - 1];
 }
 
@@ -6766,11 +6770,11 @@ ENVSAMP_DEF envsamp_result envsamp_halftone(const float *importance, int width, 
     }
     if (!(h.total > 0.0))
         return ENVSAMP_ERR_BLACK;
-    if (desc->once && h.lit < h.wanted)
-        h.wanted = (int)h.lit;
+    if (desc->once && h.lit < desc->count)
+        h.desc.count = (int)h.lit;
     h.texels = texels;
     envsamp__halftone_scan(&h);
-    *count = h.wanted;
+    *count = h.desc.count;
     return ENVSAMP_OK;
 }
 
@@ -6822,12 +6826,14 @@ typedef struct envsamp__mover {
     float axis[3];              /* its direction, */
     float next[3];              /* the same after a step, without momentum, or on a texel, */
     float best[3];              /* and where the energy was least */
-    int held;                   /* pieces that are nearest to it, */
-    envsamp__patch sum;         /* and their sums */
+    envsamp__patch sum;         /* of the pieces that are nearest to it, */
+    int held;                   /* and how many these are, as it was when one was last sent; */
+    int piece;                  /* that of them with most work, */
+    double most;                /* and how much that is; also cosine of its nearest texel */
     double weight, best_weight; /* now, and where the energy was least */
     double toward[3];           /* sum of share x direction / chord over the pieces, */
     double chord, lights_chord; /* and of share x chord, over the pieces and over the lights; also
-                                   work, and cosine of a texel */
+                                   work */
     int tried;                  /* another was sent to it in vain */
 } envsamp__mover;
 
@@ -7138,9 +7144,9 @@ static void envsamp__add_run(const envsamp__lights *l, const float *from, int x,
     patch->sr += sr * (double)count;
 }
 
-/* Sums the texels of a label over patches, and all of them into one region; returns how many pixels
-   are bad. */
-static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_lights_method rule)
+/* Sums the texels of a label over patches, and all of them into one region, which is cut as the
+   method says, where they are emissive as in RELAXED; returns how many pixels are bad. */
+static size_t envsamp__begin_regions(envsamp__lights *l, int label)
 {
     const envsamp_image *image = l->image;
     float mended[4 * ENVSAMP__CHUNK];
@@ -7148,7 +7154,7 @@ static size_t envsamp__begin_regions(envsamp__lights *l, int label, envsamp_ligh
     size_t bad = 0;
 
     l->label = label;
-    l->rule = rule;
+    l->rule = label == ENVSAMP__EMISSIVE ? ENVSAMP_LIGHTS_RELAXED : l->desc->method;
     ENVSAMP_MEMSET(l->patches, 0, (size_t)(l->across * l->down) * sizeof *l->patches);
     ENVSAMP_MEMSET(&sum, 0, sizeof sum);
     for (int y = 0; y < image->height; y++)
@@ -7317,8 +7323,6 @@ static void envsamp__take_pieces(envsamp__lights *l, int k)
         for (int c = 0; c < ENVSAMP__POINTS && i + c < l->count; c++)
             if (square[c] < l->reach[i + c]) {
                 l->reach[i + c] = square[c];
-                l->movers[l->regions[i + c].light].held--;
-                l->movers[k].held++;
                 l->regions[i + c].light = k;
             }
     }
@@ -7328,9 +7332,6 @@ static void envsamp__take_pieces(envsamp__lights *l, int k)
    farther away than they can be. */
 static void envsamp__assign_pieces(envsamp__lights *l, int lights)
 {
-    for (int k = 0; k < l->made; k++)
-        l->movers[k].held = 0;
-    l->movers[0].held = l->count;
     for (int i = 0; i < l->count; i++) {
         l->regions[i].light = 0;
         l->reach[i] = 5.0f;
@@ -7352,51 +7353,50 @@ static void envsamp__put_light(envsamp__lights *l, int k, int piece)
    0 if there is none. */
 static int envsamp__send_light(envsamp__lights *l, int sent, int trial)
 {
-    envsamp__mover *m = l->movers;
-    double most = -1.0;
-    int busy = -1, at = -1;
+    envsamp__mover *m = l->movers, *busy = NULL;
 
-    for (int k = 0; k < l->made; k++)
+    for (int k = 0; k < l->made; k++) {
+        m[k].held = 0;
         m[k].chord = 0.0;
-    for (int i = 0; i < l->count; i++)
-        m[l->regions[i].light].chord += l->regions[i].sum.luminance
-                                        * (double)ENVSAMP_SQRTF(l->reach[i]);
-    for (int k = 0; k < l->made; k++)
-        if (!(trial && (k == sent || m[k].tried)) && m[k].held > 1
-            && m[k].weight * m[k].chord > most) {
-            most = m[k].weight * m[k].chord;
-            busy = k;
-        }
-    most = -1.0;
+        m[k].most = -1.0;
+    }
     for (int i = 0; i < l->count; i++) {
+        envsamp__mover *holder = &m[l->regions[i].light];
         double work = l->regions[i].sum.luminance * (double)ENVSAMP_SQRTF(l->reach[i]);
 
-        if (l->regions[i].light == busy && work > most) {
-            most = work;
-            at = i;
-        }
+        holder->held++;
+        holder->chord += work;
+        holder->piece = work > holder->most ? i : holder->piece;
+        holder->most = envsamp__max(work, holder->most);
     }
-    if (at < 0)
+    for (int k = 0; k < l->made; k++)
+        if (!(trial && (k == sent || m[k].tried)) && m[k].held > 1
+            && (!busy || m[k].weight * m[k].chord > busy->weight * busy->chord))
+            busy = &m[k];
+    if (!busy)
         return 0;
     if (trial)
-        m[busy].tried = 1;
-    envsamp__put_light(l, sent, at);
+        busy->tried = 1;
+    envsamp__put_light(l, sent, busy->piece);
     return 1;
 }
 
 /* Sums the pieces of every light, and makes its weight their share. A light that holds none first
-   goes to where another has most to do. */
+   goes to where another has most to do, which may leave another none. */
 static void envsamp__sum_pieces(envsamp__lights *l)
 {
     envsamp__mover *m = l->movers;
+    int k;
 
-    for (int k = 0; k < l->made; )      /* one that is sent may leave another none */
-        k = m[k].held == 0 && envsamp__send_light(l, k, 0) ? 0 : k + 1;
-    for (int k = 0; k < l->made; k++)
-        ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
-    for (int i = 0; i < l->count; i++)
-        envsamp__add_patch(&l->regions[i].sum, &m[l->regions[i].light].sum);
-    for (int k = 0; k < l->made; k++)
+    do {
+        for (k = 0; k < l->made; k++)
+            ENVSAMP_MEMSET(&m[k].sum, 0, sizeof m[k].sum);
+        for (int i = 0; i < l->count; i++)
+            envsamp__add_patch(&l->regions[i].sum, &m[l->regions[i].light].sum);
+        for (k = 0; k < l->made && m[k].sum.luminance > 0.0; k++)
+            continue;
+    } while (k < l->made && envsamp__send_light(l, k, 0));
+    for (k = 0; k < l->made; k++)
         m[k].weight = m[k].sum.luminance / l->total.luminance;
 }
 
@@ -7566,13 +7566,27 @@ static void envsamp__move_lights(envsamp__lights *l, int rounds)
     }
 }
 
-/* Moves the lights to where their energy is least of all that is tried. It never rises. */
-static void envsamp__improve_lights(envsamp__lights *l, int rounds)
+/* Makes relaxed lights. They start where the others have most to do, one after the other, and move
+   to where their energy is least of all that is tried, at first where Lloyd's relaxation leads. */
+static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
 {
-    int now = ENVSAMP__MOVE_ROUNDS;
-
+    envsamp__make_pieces(l);
+    int made = envsamp__min(l->desc->count, l->count);
+    int most = made < l->count ? ENVSAMP__DISTANCES_MAX / (l->count * made) : 0;
+    int rounds = envsamp__min(l->desc->refine_rounds, most), now = ENVSAMP__MOVE_ROUNDS;
+    ENVSAMP_MEMSET(l->places, 0, ENVSAMP__POINT_GROUPS(made) * sizeof *l->places);
+    envsamp__assign_pieces(l, 0);
+    for (int k = 0; k < made; k++) {
+        l->made = envsamp__max_int(k, 1);
+        l->movers[k].weight = 1.0;
+        if (!envsamp__send_light(l, k, 0))      /* there is one piece */
+            envsamp__put_light(l, k, 0);
+    }
+    l->made = made;
+    envsamp__relax(l, 1);
     l->energy = DBL_MAX;
-    envsamp__move_lights(l, 0);
+    if (most > 0)
+        envsamp__move_lights(l, 0);
     if (rounds > 0)
         envsamp__relax(l, ENVSAMP__RELAX_ROUNDS);
     while (rounds > 0) {
@@ -7580,44 +7594,22 @@ static void envsamp__improve_lights(envsamp__lights *l, int rounds)
 
         envsamp__move_lights(l, envsamp__min(now, rounds));
         rounds -= now;
-        for (int k = 1; k < l->made; k++)
+        for (int k = 1; k < made; k++)
             idle = l->movers[k].weight < l->movers[idle].weight ? k : idle;
-        envsamp__assign_pieces(l, l->made);
+        envsamp__assign_pieces(l, made);
         now = rounds > 0 && envsamp__send_light(l, idle, 1) ? ENVSAMP__TRIAL_ROUNDS : rounds;
     }
-}
-
-/* Makes relaxed lights. They start where the others have most to do, one after the other. */
-static void envsamp__relax_lights(envsamp__lights *l, envsamp_light *lights)
-{
-    const double *integral = l->total.rgb;
-
-    envsamp__make_pieces(l);
-    int made = envsamp__min(l->desc->count, l->count);
-    int most = made < l->count ? ENVSAMP__DISTANCES_MAX / (l->count * made) : 0;
-    ENVSAMP_MEMSET(l->places, 0, ENVSAMP__POINT_GROUPS(made) * sizeof *l->places);
-    envsamp__assign_pieces(l, 0);
-    for (int k = 0; k < made; k++) {
-        l->made = envsamp__max_int(k, 1);
-        l->movers[k].weight = 1.0;
-        if (!envsamp__send_light(l, k, 0))
-            envsamp__put_light(l, k, 0);
-    }
-    l->made = made;
-    envsamp__relax(l, 1);
-    if (most > 0) {
-        envsamp__improve_lights(l, envsamp__min(l->desc->refine_rounds, most));
-        envsamp__assign_pieces(l, made);
-        envsamp__sum_pieces(l);
-    }
+    envsamp__sum_pieces(l);
     for (int k = 0; k < made; k++)
         envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
     for (int c = 0; c < 3 && most > 0; c++) {
-        envsamp__fill_points(l, c, integral[c]);
+        double integral = l->total.rgb[c];
+
+        envsamp__fill_points(l, c, integral);
         envsamp__weigh_lights(l, envsamp__min(ENVSAMP__WEIGH_SWEEPS,
                                               ENVSAMP__DISTANCES_MAX / (made * made)));
         for (int k = 0; k < made; k++)
-            lights[k].irradiance[c] = envsamp__to_float(l->movers[k].weight * integral[c]);
+            lights[k].irradiance[c] = envsamp__to_float(l->movers[k].weight * integral);
     }
 }
 
@@ -7761,14 +7753,15 @@ static void envsamp__place_directs(envsamp__lights *l)
         farthest = envsamp__clamp(2.0 * cosine * cosine - 1.0, -1.0,
                                   1.0 - 1e-6);      /* a texel is not far from itself */
     for (int k = 0; k < l->made; k++) {
-        l->movers[k].chord = -2.0;
+        l->movers[k].most = -2.0;
         ENVSAMP_MEMSET(&l->movers[k].sum, 0, sizeof l->movers[k].sum);
     }
-    for (int pass = 0; pass < 2; pass++) {
+    for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < l->count; i++) {
             const envsamp__region *piece = &l->regions[i];
             envsamp__mover *m = &l->movers[piece->light];
-            double axis[3] = { (double)m->axis[0], (double)m->axis[1], (double)m->axis[2] };
+            const float *from = pass ? m->next : m->axis;
+            double axis[3] = { (double)from[0], (double)from[1], (double)from[2] };
 
             for (int y = piece->y0; y < piece->y1; y++)
                 for (int x = piece->x0; x < piece->x1; x++) {
@@ -7776,8 +7769,8 @@ static void envsamp__place_directs(envsamp__lights *l)
                         continue;
                     envsamp__map_dir(l, 2 * x + 1, 2 * y + 1, dir);
                     cosine = envsamp__dot(dir, axis, 3);
-                    if (pass == 0 && cosine > m->chord) {
-                        m->chord = cosine;
+                    if (pass == 0 && cosine > m->most) {
+                        m->most = cosine;
                         envsamp__normalise(dir, m->next);
                     } else if (pass == 1 && cosine < farthest) {
                         l->labels[(size_t)y * (size_t)l->image->width + (size_t)x] = ENVSAMP__DIM;
@@ -7786,9 +7779,6 @@ static void envsamp__place_directs(envsamp__lights *l)
                     }
                 }
         }
-        for (int k = 0; k < l->made && pass == 0; k++)
-            ENVSAMP_MEMCPY(l->movers[k].axis, l->movers[k].next, sizeof l->movers[k].axis);
-    }
 }
 
 /* ---- EnvIndirects ---- */
@@ -7801,8 +7791,7 @@ static void envsamp__make_indirects(envsamp__lights *l, int count, envsamp_light
                          (double)l->desc->weight_energy };
     int due = 1;
 
-    envsamp__begin_regions(l, l->made > 0 ? ENVSAMP__DIM : ENVSAMP__ANY,
-                           ENVSAMP_LIGHTS_DECOMPOSED);
+    envsamp__begin_regions(l, l->made > 0 ? ENVSAMP__DIM : ENVSAMP__ANY);
     while (l->count < count && l->heap.entries->key >= 0.0) {
         if (l->count >= due) {
             double most[3] = { 0.0, 0.0, 0.0 }, term[3];
@@ -7837,14 +7826,14 @@ static void envsamp__decompose(envsamp__lights *l, envsamp_light *lights)
         l->made = envsamp__min(l->made, count - 1);
     }
     if (l->made > 0) {
-        envsamp__begin_regions(l, ENVSAMP__EMISSIVE, ENVSAMP_LIGHTS_RELAXED);
+        envsamp__begin_regions(l, ENVSAMP__EMISSIVE);
         envsamp__make_pieces(l);
         l->made = envsamp__draw_directs(l, envsamp__min(l->made, l->count));
         envsamp__relax(l, l->desc->refine_rounds);
         envsamp__place_directs(l);
     }
     for (int k = 0; k < l->made; k++) {
-        envsamp__set_light(&l->movers[k].sum, l->movers[k].axis, 1, &lights[k]);
+        envsamp__set_light(&l->movers[k].sum, l->movers[k].next, 1, &lights[k]);
         lights[k].direct = 1;
     }
     l->info.direct_count = lit ? l->made : count;
@@ -7978,11 +7967,10 @@ static void envsamp__balance_lights(const envsamp__lights *l, envsamp_light *lig
 
         for (int i = 0; i < count; i++)
             sum += (double)lights[i].irradiance[c];
-        double scale = sum > 0.0 ? integral / sum : 1.0;
-        double plus = sum > 0.0 ? 0.0 : integral / (double)count;
+        double scale = integral / (sum > 0.0 ? sum : (double)count);
         for (int i = 0; i < count; i++)
-            lights[i].irradiance[c] = envsamp__to_float((double)lights[i].irradiance[c] * scale
-                                                        + plus);
+            lights[i].irradiance[c] = envsamp__to_float(
+                scale * (sum > 0.0 ? (double)lights[i].irradiance[c] : 1.0));
     }
 }
 
@@ -8062,7 +8050,7 @@ static envsamp_result envsamp__lights_begin(envsamp__lights *l, const envsamp_im
     envsamp__fill_angles(l);
     l->info.count = desc->count;
     l->info.bad_pixel_count = l->labels ? envsamp__find_emission(l)
-                                        : envsamp__begin_regions(l, ENVSAMP__ANY, desc->method);
+                                        : envsamp__begin_regions(l, ENVSAMP__ANY);
     if (desc->strict && l->info.bad_pixel_count)
         return ENVSAMP_ERR_VALUE;
     return l->total.luminance + l->light[0] + l->light[1] > 0.0 ? ENVSAMP_OK : ENVSAMP_ERR_BLACK;
