@@ -967,8 +967,8 @@ extern "C" {
 #define ENVSAMP__HOT ENVSAMP_DEVICE static inline
 #endif
 #define ENVSAMP__MATH ENVSAMP_DEVICE static inline
-#ifdef __GNUC__                 /* called from many places, none of them hot: one copy */
-#define ENVSAMP__COLD static __attribute__((noinline, unused))
+#if defined(__GNUC__) && defined(ENVSAMP__HOST_ONLY)    /* many calls, none of them hot: one copy */
+#define ENVSAMP__COLD static __attribute__((__noinline__, __unused__))
 #else
 #define ENVSAMP__COLD static inline
 #endif
@@ -1102,7 +1102,7 @@ ENVSAMP__MATH float envsamp__with_sign(float size, int negative)
 
 /* Half of a number by its exponent. Compilers cannot make a sum of halves half of a sum, which may
    overflow. */
-static float envsamp__half(float x)
+ENVSAMP__COLD float envsamp__half(float x)
 {
     uint32_t bits = envsamp__float_bits(x);
 
@@ -1615,8 +1615,8 @@ static size_t envsamp__read_luminance(const float *from, int channels, int count
     return bad;
 }
 
-/* The sum of a row, and its maximum, if that is above *peak: in fours, so that one addition need not
-   wait for the last. */
+/* The sum of a row, and its maximum, if that is above *peak. In fours, so that an addition need not
+   wait for the one before. */
 static double envsamp__sum_row(const float *luminance, int width, float *peak)
 {
     double sum[4] = { 0.0 };
@@ -1952,7 +1952,7 @@ static double envsamp__texel_sr(const envsamp__map *map, int y)
 
 /* An edge as a table stores it: azimuth in turns, or u; along axis 1 1 - cos theta above the
    equator, minus (1 + cos theta) below, so that each is exact at its pole, or v. */
-static float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
+ENVSAMP__COLD float envsamp__stored_edge(const envsamp__map *map, double at, int axis)
 {
     if (axis == 0)
         return (float)((at - map->bounds.x0) / (double)map->image.width);
@@ -2716,7 +2716,7 @@ static inline double envsamp__block_sr(const envsamp__block *b)
 
 /* Root mean square of the block times its solid angle: what the best block probabilities are
    proportional to, and of which the excess variance is (sum Q)^2 / I^2 - 1. */
-static double envsamp__whole_q(const envsamp__block *b)
+ENVSAMP__COLD double envsamp__whole_q(const envsamp__block *b)
 {
     return ENVSAMP_SQRT(envsamp__block_sr(b) * b->whole.square);
 }
@@ -7672,15 +7672,9 @@ static size_t envsamp__find_emission(envsamp__lights *l)
     size_t bad = 0;
 
     for (int y = 0; y < l->image->height; y++, row += width) {
-        double sum = 0.0;
-
         bad += envsamp__read_luminance(envsamp__pixel_at(l->image, 0, y), l->image->channels, width,
                                        row);
-        for (int x = 0; x < width; x++) {
-            sum += (double)row[x];
-            brightest = row[x] > brightest ? row[x] : brightest;
-        }
-        total += sum * l->row_sr[y];
+        total += envsamp__sum_row(row, width, &brightest) * l->row_sr[y];
         sr += (double)width * l->row_sr[y];
     }
     double limit = envsamp__max((double)l->desc->lambda * total / sr,
