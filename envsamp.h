@@ -2694,9 +2694,6 @@ typedef struct envsamp__cut { double at; int axis; uint32_t child[2]; } envsamp_
 
 typedef struct envsamp__tree {
     const envsamp__map *map;
-    envsamp_kd_criterion criterion;
-    int depth_limit;
-    int fine_bits;                      /* blocks may end at multiples of 2^-fine_bits of a cell */
     envsamp__block *blocks;
     envsamp__cut *cuts;
     envsamp__heap heap;
@@ -3032,17 +3029,16 @@ static envsamp__moments envsamp__profile_moments(const envsamp__profile *p, int 
 
 /* The priority of a block whose split was not yet searched. For EXCESS a bound: no split gains more
    than what the block's own variance costs. */
-static double envsamp__priority(const envsamp__tree *tree, const envsamp__block *b)
+static double envsamp__priority(const envsamp__map *map, const envsamp__block *b)
 {
     double sr = envsamp__block_sr(b), q = envsamp__whole_q(b);
     double sse = b->whole.square - b->whole.sum * b->whole.sum / sr;
-    const envsamp__map *map = tree->map;
     float low = FLT_MAX, high = 0.0f;
 
     sse = sse > ENVSAMP__FLAT * b->whole.square ? sse : 0.0;
-    if (b->depth >= tree->depth_limit)
+    if (map->desc.select == ENVSAMP_KD_WARP && b->depth >= ENVSAMP__WARP_DEPTH)
         return 0.0;
-    switch (tree->criterion) {
+    switch (map->desc.criterion) {
     case ENVSAMP_KD_SSE: return sse;    /* [1, equation 2], weighted by solid angle */
     case ENVSAMP_KD_VARIANCE: return sse / sr;
     case ENVSAMP_KD_RANGE:
@@ -3058,25 +3054,25 @@ static double envsamp__priority(const envsamp__tree *tree, const envsamp__block 
     }
 }
 
-/* The level at which a block's split is searched, and whether sums there are approximate. */
-static int envsamp__split_level(const envsamp__tree *tree, const envsamp__rect *rect, int *rough)
+/* The level at which a block's split is searched; says whether sums there are approximate. */
+static int envsamp__split_level(const envsamp__map *map, envsamp__block *b)
 {
-    const envsamp__map *map = tree->map;
-    envsamp__window fine = envsamp__touched(map, 0, rect, 0), w, within;
+    envsamp__window fine = envsamp__touched(map, 0, &b->rect, 0), w, within;
     int width = fine.x1 - fine.x0, height = fine.y1 - fine.y0;
-    int k = (int64_t)width * height > ENVSAMP__SPLIT_CELLS ? 1 : -tree->fine_bits;
+    int k = (int64_t)width * height > ENVSAMP__SPLIT_CELLS ? 1
+          : -ENVSAMP__FINE_BITS * map->bilinear;
 
     for (;; k++) {
-        w = envsamp__touched(map, k, rect, 0);
+        w = envsamp__touched(map, k, &b->rect, 0);
         if (k + 1 == map->level_count
             || (int64_t)(w.x1 - w.x0) * (w.y1 - w.y0) <= ENVSAMP__SPLIT_CELLS)
             break;
     }
-    within = envsamp__touched(map, k > 0 ? k : 0, rect, 1);
-    *rough = k < 0 || (k > 0 && ENVSAMP_MEMCMP(&within, &w, sizeof w));
-    if (k > 0 && *rough && envsamp__max_int(width, height) <= ENVSAMP__SPLIT_CELLS
+    within = envsamp__touched(map, k > 0 ? k : 0, &b->rect, 1);
+    b->rough = k < 0 || (k > 0 && ENVSAMP_MEMCMP(&within, &w, sizeof w));
+    if (k > 0 && b->rough && envsamp__max_int(width, height) <= ENVSAMP__SPLIT_CELLS
         && (int64_t)width * height <= ENVSAMP__CUT_CELLS)
-        *rough = k = 0;
+        k = b->rough = 0;
     return k;
 }
 
@@ -3126,14 +3122,12 @@ static void envsamp__try_cuts(const envsamp__profile *p, int count, double cross
 static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
 {
     const envsamp__map *map = tree->map;
-    int rough, k = envsamp__split_level(tree, &b->rect, &rough);
-    int excess = tree->criterion == ENVSAMP_KD_EXCESS;
+    int k = envsamp__split_level(map, b), excess = map->desc.criterion == ENVSAMP_KD_EXCESS;
     envsamp__window w = envsamp__touched(map, k, &b->rect, 0);
     int width = w.x1 - w.x0, height = w.y1 - w.y0;
     double columns = b->rect.x1 - b->rect.x0, sr = envsamp__block_sr(b);
     envsamp__search search = { -DBL_MAX, -1, 0 };
 
-    b->rough = (unsigned char)rough;
     envsamp__moments whole = envsamp__profile_rect(map, k, &b->rect, tree->columns, tree->rows);
     envsamp__try_cuts(tree->columns, width, b->column_sr, sr, &whole, excess, 0, &search);
     envsamp__try_cuts(tree->rows, height, columns, sr, &whole, excess, 1, &search);
@@ -3155,7 +3149,7 @@ static double envsamp__search_block(envsamp__tree *tree, envsamp__block *b)
     b->at = (double)((search.axis ? w.y0 : w.x0) + search.at) * envsamp__cell_size(map, k);
     if (k < 0 && !envsamp__store_cut(map, &b->rect, b->axis, &b->at))
         b->axis = -1;
-    double bound = envsamp__priority(tree, b);
+    double bound = envsamp__priority(map, b);
     return b->axis < 0 ? 0.0 : excess ? envsamp__max(gain, ENVSAMP__GAIN_FLOOR * bound) : bound;
 }
 
@@ -3200,10 +3194,10 @@ static int envsamp__split_step(envsamp__tree *tree, int wanted)
         high->column_sr = envsamp__rows_sr(tree->map, high->rect.y0, high->rect.y1);
     }
     tree->q += envsamp__whole_q(b) + envsamp__whole_q(high);
-    top->key = envsamp__priority(tree, b);
+    top->key = envsamp__priority(tree->map, b);
     top->searched = 0;
     envsamp__heap_settle(&tree->heap);
-    envsamp__heap_push(&tree->heap, envsamp__priority(tree, high), number, 0);
+    envsamp__heap_push(&tree->heap, envsamp__priority(tree->map, high), number, 0);
     tree->block_count++;
     return 1;
 }
@@ -3351,15 +3345,16 @@ static int envsamp__most_tile_bits(int block_limit)
     return bits;
 }
 
-/* Begins a crown of 2^bits tiles, but of one for a flat map, unless `flat_too`. */
-static void envsamp__crown_begin(envsamp__tree *tree, int bits, int flat_too)
+/* Begins a crown of 2^bits tiles, but, where `facing` does not need them, of one for a flat map. */
+static void envsamp__crown_begin(envsamp__tree *tree, int bits)
 {
     tree->tile_bits = 0;
     tree->blocks[0].rect = tree->map->bounds;
     envsamp__crown_end(tree);
     if (bits > 0) {
         envsamp__search_block(tree, &tree->blocks[0]);
-        tree->tile_bits = flat_too || envsamp__priority(tree, &tree->blocks[0]) > 0.0 ? bits : 0;
+        if (tree->map->desc.facing || envsamp__priority(tree->map, &tree->blocks[0]) > 0.0)
+            tree->tile_bits = bits;
     }
     tree->crown_at = tree->tile_bits > 0 ? 0 : -1;
 }
@@ -3966,9 +3961,6 @@ static void envsamp__kd_carve(envsamp_kd_job *job, const envsamp_image *image,
     count = count < (uint64_t)desc->block_count ? count : (uint64_t)desc->block_count;
     job->block_limit = (int)count;
     tree->map = map;
-    tree->criterion = desc->criterion;
-    tree->depth_limit = desc->select == ENVSAMP_KD_WARP ? ENVSAMP__WARP_DEPTH : INT_MAX;
-    tree->fine_bits = map->bilinear ? ENVSAMP__FINE_BITS : 0;
     tree->blocks = ENVSAMP__TAKE(envsamp__block, arena, count);
     tree->cuts = ENVSAMP__TAKE(envsamp__cut, arena, count);
     tree->heap.entries = ENVSAMP__TAKE(envsamp__heap_entry, arena, count);
@@ -4582,7 +4574,7 @@ static int envsamp__kd_work(void *work, int item)
         return 1;
     case ENVSAMP__CROWN:
         if (item == 0)
-            envsamp__crown_begin(tree, envsamp__most_tile_bits(job->crown_blocks), desc->facing);
+            envsamp__crown_begin(tree, envsamp__most_tile_bits(job->crown_blocks));
         return envsamp__crown_step(tree);
     case ENVSAMP__TILES:
         envsamp__heap_push(&tree->heap, envsamp__search_block(tree, &tree->blocks[item]),
