@@ -1479,7 +1479,7 @@ static size_t envsamp__row_stride(const envsamp_image *image)
                                    : (size_t)image->width * (size_t)image->channels * 4;
 }
 
-static const float *envsamp__pixel_at(const envsamp_image *image, int x, int y)
+ENVSAMP__COLD const float *envsamp__pixel_at(const envsamp_image *image, int x, int y)
 {
     return (const float *)(const void *)((const char *)image->pixels
                                          + (size_t)y * envsamp__row_stride(image))
@@ -1508,7 +1508,7 @@ static envsamp_result envsamp__floats_check(const float *floats)
 }
 
 /* Sets sizes to 0, and checks the image that they are asked for. */
-static envsamp_result envsamp__begin_sizes(const envsamp_image *image, envsamp_sizes *sizes)
+ENVSAMP__COLD envsamp_result envsamp__begin_sizes(const envsamp_image *image, envsamp_sizes *sizes)
 {
     if (!sizes)
         return ENVSAMP_ERR_NULL;
@@ -4174,7 +4174,7 @@ static void envsamp__write_cut(envsamp_kd_job *job, envsamp_kd *kd, const envsam
 #define ENVSAMP__FACING_VARIANCE 0.75f  /* of the variance that counts, as of an even spread */
 #define ENVSAMP__FACING_FLOOR 4e-3f     /* added under the root, over the square of the light */
 
-static envsamp__facing_sum *envsamp__facing_of(const envsamp_kd_job *job, uint32_t link)
+ENVSAMP__COLD envsamp__facing_sum *envsamp__facing_of(const envsamp_kd_job *job, uint32_t link)
 {
     return &job->facing[link << 1 | link >> 31];
 }
@@ -6535,7 +6535,7 @@ static void envsamp__walk_band(envsamp__halftone *h, int step, int y0, int y1)
 }
 
 /* Where share `share` of `count` begins, into which `length` texels are divided. */
-static int envsamp__share_edge(int share, int count, int length)
+ENVSAMP__COLD int envsamp__share_edge(int share, int count, int length)
 {
     return (int)((int64_t)share * length / count);
 }
@@ -6564,7 +6564,7 @@ static void envsamp__ostromoukhov_shares(double level, double share[3])
 }
 
 /* The errors that wait in the row of cells so many below this one. */
-static double *envsamp__waiting(const envsamp__halftone *h, int below)
+ENVSAMP__COLD double *envsamp__waiting(const envsamp__halftone *h, int below)
 {
     return h->waiting + (h->strip + below) % h->rows * h->across;
 }
@@ -6964,7 +6964,7 @@ static inline int envsamp__counts(const envsamp__lights *l, int x, int y)
  */
 
 /* How long a rectangle is on the sphere, across or down, in half turns. */
-static double envsamp__extent(const envsamp_image *image, const envsamp__region *r, int down)
+ENVSAMP__COLD double envsamp__extent(const envsamp_image *image, const envsamp__region *r, int down)
 {
     double polar = image->mapping == ENVSAMP_HEMISPHERE ? 0.5 : 1.0, sine = 0.5, cosine;
     double height = (double)image->height;
@@ -7203,7 +7203,8 @@ static void envsamp__set_light(const envsamp__patch *sum, const float dir[3], in
 }
 
 /* Direction of the centroid of a region, or of its middle. */
-static void envsamp__region_dir(const envsamp__lights *l, const envsamp__region *r, float dir[3])
+ENVSAMP__COLD void envsamp__region_dir(const envsamp__lights *l, const envsamp__region *r,
+                                     float dir[3])
 {
     double middle[3];
 
@@ -7322,7 +7323,7 @@ static void envsamp__take_pieces(envsamp__lights *l, int k)
 
 /* Gives every piece to the nearest of the first lights; without any they are the first one's, and
    farther away than they can be. */
-static void envsamp__assign_pieces(envsamp__lights *l, int lights)
+ENVSAMP__COLD void envsamp__assign_pieces(envsamp__lights *l, int lights)
 {
     for (int i = 0; i < l->count; i++) {
         l->regions[i].light = 0;
