@@ -3359,8 +3359,8 @@ static void envsamp__crown_begin(envsamp__tree *tree, int bits)
     tree->crown_at = tree->tile_bits > 0 ? 0 : -1;
 }
 
-/* Halves the light of one more block of the crown, depth first, for the cache: the halves of block i
-   are blocks 2 i + 1 and 2 i + 2. Where floats are too coarse for a cut, begins again: first with
+/* Halves the light of one more block of the crown, depth first, for the cache: the halves of block
+   i are blocks 2 i + 1 and 2 i + 2. Where floats are too coarse for a cut, begins again: first with
    half of the cuts at columns, then with fewer tiles. Returns 0 when it is done. */
 static int envsamp__crown_step(envsamp__tree *tree)
 {
