@@ -98,7 +98,7 @@ static void add_kd_table(const envsamp_kd *kd)
     parts[3].size = 8;
     parts[4].end = offsetof(envsamp_kd, fit_total);
     parts[4].size = 4;
-    parts[5].end = offsetof(envsamp_kd, spare);
+    parts[5].end = offsetof(envsamp_kd, facing_count);
     parts[5].size = 8;
     parts[6].end = envsamp_kd_bytes(kd);
     parts[6].size = 4;
