@@ -1738,8 +1738,8 @@ static envsamp_result envsamp__read_row(envsamp__map *map, int y, float *luminan
     return map->desc.strict && map->bad_pixel_count ? ENVSAMP_ERR_VALUE : ENVSAMP_OK;
 }
 
-/* The line of knots at the upper or lower border, next to the line `inner`. The four corners
-   of an octahedral map are one point; `fold` has the ends of the mirrored row. */
+/* The line of knots at the upper or lower border, next to the line `inner`. The four corners of an
+   octahedral map are one point; `fold` has the ends of the mirrored row. */
 static void envsamp__border_line(const envsamp__map *map, int outside, const float *inner,
                                  const float fold[2], float *line)
 {
@@ -1747,7 +1747,7 @@ static void envsamp__border_line(const envsamp__map *map, int outside, const flo
     int width = image->width;
 
     for (int x = 0; x < width; x++) {
-        int wrapped_x = x, wrapped_y = outside;     /* is row y again */
+        int wrapped_x = x, wrapped_y = outside;     /* becomes the row of `inner` */
 
         envsamp__wrap_texel(image->mapping, width, image->height, &wrapped_x, &wrapped_y);
         line[x + 1] = envsamp__half(inner[x + 1]) + envsamp__half(inner[wrapped_x + 1]);
@@ -2098,7 +2098,7 @@ ENVSAMP__HOT void envsamp__batch_put(float *batch, int i, envsamp__point p, floa
     batch[3 * ENVSAMP__BATCH + i] = pdf;
 }
 
-/* Directions and densities of the first `count` of a batch. Those of some multiple of 16, so that
+/* Directions and densities of the first `count` of a batch. A multiple of 16 is computed, so that
    compilers vectorise. */
 static void envsamp__batch_out(uint32_t mapping, int count, const float *batch, float *x, float *y,
                                float *z, float *pdf)
@@ -3932,7 +3932,7 @@ struct envsamp_kd_job {
     envsamp__tree tree;
     int level;                      /* PYRAMID: that is made */
     int block_limit;                /* of the description, or of the cells */
-    int crown_blocks;               /* as many set the size of the crown; 0: not known yet */
+    int crown_blocks;               /* that the crown is made for; 0: not known yet */
     double *probability;            /* of each block of the tree; WARP: Q of each cut */
     double *target, *weight;        /* FIT, sorted */
     uint32_t *order;                /* blocks of the tree as the table has them; then, by cut,
@@ -6818,7 +6818,7 @@ typedef struct envsamp__mover {
     float next[3];              /* the same after a step, without momentum, or on a texel, */
     float best[3];              /* and where the energy was least */
     envsamp__patch sum;         /* of the pieces that are nearest to it, */
-    int held;                   /* and how many these are, as it was when one was last sent; */
+    int held;                   /* and their number when a light was last sent; */
     int piece;                  /* that of them with most work, */
     double most;                /* and how much that is; also cosine of its nearest texel */
     double weight, best_weight; /* now, and where the energy was least */
@@ -7135,8 +7135,8 @@ static void envsamp__add_run(const envsamp__lights *l, const float *from, int x,
     patch->sr += sr * (double)count;
 }
 
-/* Sums the texels of a label over patches, and all of them into one region, which is cut as the
-   method says, where they are emissive as in RELAXED; returns how many pixels are bad. */
+/* Sums the texels of a label over patches, and all of them into one region. It is cut by the rule of
+   the method, that of emissive texels by RELAXED's. Returns how many pixels are bad. */
 static size_t envsamp__begin_regions(envsamp__lights *l, int label)
 {
     const envsamp_image *image = l->image;
