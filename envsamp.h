@@ -7135,8 +7135,8 @@ static void envsamp__add_run(const envsamp__lights *l, const float *from, int x,
     patch->sr += sr * (double)count;
 }
 
-/* Sums the texels of a label over patches, and all of them into one region. It is cut by the rule of
-   the method, that of emissive texels by RELAXED's. Returns how many pixels are bad. */
+/* Sums the texels of a label over patches, and all of them into one region, which is cut by the
+   method's rule, of emissive texels by RELAXED's. Returns how many pixels are bad. */
 static size_t envsamp__begin_regions(envsamp__lights *l, int label)
 {
     const envsamp_image *image = l->image;

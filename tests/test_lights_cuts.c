@@ -2158,10 +2158,10 @@ static double scratch_of(const envsamp_image *view, envsamp_lights_method method
     return envsamp_lights_sizes(view, &desc, &sizes) ? HUGE_VAL : (double)sizes.scratch_bytes;
 }
 
-/* Tighter than the header says: cuts 4 MB, 2 for maps twice as wide as high, and 104 bytes a light, but no
-   more than 6 or 3 MB and 56 bytes a light; RELAXED 1 MB, 7 KB a light, of these 4 MB at most, and
-   200 bytes a light, beside what HALFTONE takes. Both 16 bytes a column and 24 a row. DECOMPOSED:
-   these, 2 MB and 5 bytes a texel. A tenth more is allowed. */
+/* Tighter than the header says: cuts 4 MB, 2 for maps twice as wide as high, and 104 bytes a light,
+   but no more than 6 or 3 MB and 56 bytes a light; RELAXED 1 MB, 7 KB a light, of these 4 MB at
+   most, and 200 bytes a light, beside what HALFTONE takes. Both 16 bytes a column and 24 a row.
+   DECOMPOSED: these, 2 MB and 5 bytes a texel. A tenth more is allowed. */
 static void test_scratch(void)
 {
     static const int shapes[6][3] = { { 1, 1, 1 }, { 2048, 1024, 32 }, { 8192, 4096, 64 },

@@ -1375,8 +1375,9 @@ static void test_memory(void)
     free(c.pixels);
 }
 
-/* Tighter than the header says: cuts take up to 6 MB and 64 bytes a light, RELAXED 1 MB and 7 KB a light up
-   to 4 MB and 200 bytes, both 16 bytes a column and 24 a row; 2.2 MB and 5 bytes a texel. */
+/* Tighter than the header says: cuts take up to 6 MB and 64 bytes a light, RELAXED 1 MB and 7 KB a
+   light up to 4 MB and 200 bytes, both 16 bytes a column and 24 a row; 2.2 MB and 5 bytes a
+   texel. */
 static void test_scratch(void)
 {
     static const int shapes[5][3] = { { 1, 1, 1 }, { 1024, 512, 32 }, { 4000, 3000, 65536 },
